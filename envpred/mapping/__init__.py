@@ -1,0 +1,1 @@
+"""Arrays in, arrays out: one method of the literature per file, no files and no Lightning."""

@@ -1,0 +1,70 @@
+"""The grid and its lattice: the only owner of grid numbers."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int32]
+
+# The ego vehicle's body in the sensor frame (x forward, y left, metres): the sensor sits 0.27 + 1.68 m behind the front
+# and 0.81 m before the rear end of what the paper takes as the vehicle, which is 1.6 m wide.
+EGO_REAR, EGO_FRONT, EGO_HALF_WIDTH = -0.81, 0.27 + 1.68, 0.8
+
+# Codes of a label grid (uint8).
+UNKNOWN, OCCUPIED, FREE, EGO = 0, 1, 2, 3
+
+
+@dataclass(frozen=True)
+class GridSpec:
+    """A square grid of `cells` x `cells` cells of `resolution` metres, first axis east, second north.
+
+    All grids of a drive are cut from one lattice whose cell (i, j) is centred on `origin + resolution * (i, j)`, so that
+    between frames a grid moves by whole cells.
+    """
+
+    cells: int = 128
+    resolution: float = 1 / 3
+
+    def __post_init__(self) -> None:
+        if self.cells < 2 or self.cells % 2:
+            raise ValueError(f"a grid needs an even number of cells of at least 2, not {self.cells}")
+        if not self.resolution > 0:
+            raise ValueError(f"a cell's side must be positive, not {self.resolution} m")
+
+    @property
+    def half(self) -> int:
+        """Cells west (south) of the centre cell."""
+        return self.cells // 2
+
+    @property
+    def side(self) -> float:
+        """Side of the grid in metres."""
+        return self.cells * self.resolution
+
+    def lattice_origin(self, positions: FloatArray) -> FloatArray:
+        """World position (2,) of lattice cell (0, 0) for a drive with IMU `positions` (T, >=2), in metres.
+
+        It lies one grid's side west and south of the drive's extremes, as in the paper's reference code.
+        """
+        return np.asarray(positions, np.float64)[:, :2].min(axis=0) - self.side
+
+    def cell_of(self, positions: FloatArray, origin: FloatArray) -> IntArray:
+        """Lattice cell (..., 2) int32 that holds each of the world `positions` (..., >=2), in metres."""
+        return np.floor(self.in_cells(positions, origin) + 0.5).astype(np.int32)
+
+    def in_cells(self, positions: FloatArray, origin: FloatArray) -> FloatArray:
+        """World `positions` (..., >=2) in units of cells from the lattice's origin; cell (i, j) is centred on (i, j)."""
+        return (np.asarray(positions, np.float64)[..., :2] - origin) / self.resolution
+
+
+def transform(points: NDArray[np.floating], pose: FloatArray) -> FloatArray:
+    """`points` (N, >=3) moved by the rigid `pose` (4, 4): (N, 3) in metres."""
+    moved: FloatArray = points[:, :3] @ pose[:3, :3].T + pose[:3, 3]
+    return moved
+
+
+def heading_of(poses: FloatArray) -> FloatArray:
+    """Heading (...,) in radians, counter-clockwise from east, of `poses` (..., 4, 4) of a body whose x axis is forward."""
+    return np.arctan2(poses[..., 1, 0], poses[..., 0, 0])

@@ -1,0 +1,1 @@
+"""Torch modules that know no Lightning and no files."""
