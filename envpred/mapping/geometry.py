@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int32]
 
-# The ego vehicle's body in the sensor frame (x forward, y left, metres): the sensor sits 0.27 + 1.68 m behind the front
-# and 0.81 m before the rear end of what the paper takes as the vehicle, which is 1.6 m wide.
+# The ego vehicle's body in the sensor frame (x forward, y left, metres), as the paper's reference code takes it.
 EGO_REAR, EGO_FRONT, EGO_HALF_WIDTH = -0.81, 0.27 + 1.68, 0.8
 
 # Codes of a label grid (uint8).
