@@ -1,0 +1,217 @@
+"""How well the particle filter's velocities and its moving/standing decision agree with boxes of tracked objects.
+
+    python benchmarks/velocity_truth.py 2011_09_26/2011_09_26_drive_0005_sync --particles 20000 200000 2000000
+
+Works on drives in KITTI raw's layout with a `tracklet_labels.xml`, real or simulated.  Truth is the motion of the boxes'
+centres in the world (central differences); a cell's truth is that of the box it lies in.
+"""
+
+import argparse
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from envpred.drives.drive import Drive
+from envpred.drives.kitti import KittiDrive
+from envpred.errors import UserError
+from envpred.mapping import evidence
+from envpred.mapping.dogma import DogmaParameters, is_moving, run
+from envpred.mapping.geometry import EGO, OCCUPIED, FloatArray, GridSpec, transform
+from envpred.mapping.ground import MarkovRandomField
+from envpred.mapping.label_grid import RayCasting
+from envpred.mapping.particle_state import ParticleFilterParameters
+
+MOVING = 1.0  # m/s: what an object must do to count as moving
+FASTEST = 12.0  # m/s: the promise is about movers up to here
+IN_VIEW = 10  # frames that a cell's object must have been in view
+
+
+@dataclass(frozen=True)
+class Box:
+    """One object at one frame: centre (2,) in metres, heading, length, width, and the velocity (2,) of its centre, world."""
+
+    centre: FloatArray
+    heading: float
+    length: float
+    width: float
+    velocity: FloatArray
+    track: int
+
+
+@dataclass(frozen=True)
+class Grids:
+    """A drive's label grids (T, H, W), centre cells (T, 2) and the lattice's origin (2,)."""
+
+    labels: NDArray[np.uint8]
+    centre_cell: NDArray[np.int32]
+    origin: FloatArray
+
+
+@dataclass(frozen=True)
+class Truth:
+    """Per cell: the number of the box that covers it (-1: none), its velocity (m/s), and for how long it is in view."""
+
+    box: NDArray[np.int32]
+    velocity: NDArray[np.float32]
+    in_view: NDArray[np.int32]
+
+
+def read_boxes(drive: KittiDrive) -> list[list[Box]]:
+    """The boxes of every frame of `drive`."""
+    file = drive.folder / "tracklet_labels.xml"
+    if not file.is_file():
+        raise UserError(f"{file}: no boxes of tracked objects; unpack the drive's tracklets there")
+    to_world = {k: drive.pose(k) @ drive.sensor_to_body() for k in drive.frames}
+    position = {k: n for n, k in enumerate(drive.frames)}
+    boxes: list[list[Box]] = [[] for _ in drive.frames]
+    for track, item in enumerate(ET.parse(file).getroot().findall("./tracklets/item")):
+        first, length, width = (float(item.findtext(name, "nan")) for name in ("first_frame", "l", "w"))
+        placed = {}
+        for n, pose in enumerate(item.findall("./poses/item")):
+            k = int(first) + n
+            if k in to_world:
+                x, y, z, yaw = (float(pose.findtext(name, "nan")) for name in ("tx", "ty", "tz", "rz"))
+                centre = transform(np.array([[x, y, z]]), to_world[k])[0, :2]
+                ahead = to_world[k][:2, :2] @ (np.cos(yaw), np.sin(yaw))
+                placed[k] = centre, float(np.arctan2(ahead[1], ahead[0]))
+        for k, (centre, heading) in placed.items():
+            before, after = max(k - 2, min(placed)), min(k + 2, max(placed))
+            if before < after and before in placed and after in placed:
+                velocity = (placed[after][0] - placed[before][0]) / (drive.time(after) - drive.time(before))
+                boxes[position[k]].append(Box(centre, heading, length, width, velocity, track))
+    return boxes
+
+
+def map_drive(drive: Drive, grid: GridSpec) -> Grids:
+    """The label grids of `drive`."""
+    ground, rays = MarkovRandomField(), RayCasting()
+    origin = grid.lattice_origin(drive.poses[:, :2, 3])
+    centre_cell = grid.cell_of(drive.poses[:, :2, 3], origin)
+    labels = []
+    for k, centre in zip(drive.frames, centre_cell, strict=True):
+        points, sensor = drive.scan(k), drive.pose(k) @ drive.sensor_to_body()
+        labels.append(rays.label(points, ground.obstacles(points), sensor, centre, origin, grid))
+    return Grids(np.stack(labels), centre_cell, origin)
+
+
+def rasterise(boxes: list[list[Box]], grids: Grids, grid: GridSpec) -> Iterator[Truth]:
+    """What the boxes say about the cells of every frame."""
+    seen: dict[int, int] = {}
+    offset = np.arange(grid.cells) - grid.half
+    for t, frame in enumerate(boxes):
+        east = (grids.centre_cell[t, 0] + offset)[:, None] * grid.resolution + grids.origin[0]
+        north = (grids.centre_cell[t, 1] + offset)[None, :] * grid.resolution + grids.origin[1]
+        box = np.full((grid.cells, grid.cells), -1, np.int32)
+        velocity = np.zeros((2, grid.cells, grid.cells), np.float32)
+        in_view = np.zeros((grid.cells, grid.cells), np.int32)
+        for b in frame:
+            cos, sin, x, y = np.cos(b.heading), np.sin(b.heading), east - b.centre[0], north - b.centre[1]
+            reach = grid.resolution / 2  # the cell that holds the returns of a side may have its centre outside
+            inside = (abs(cos * x + sin * y) <= b.length / 2 + reach) & (abs(cos * y - sin * x) <= b.width / 2 + reach)
+            hit = bool((inside & (grids.labels[t] == OCCUPIED)).any())
+            seen[b.track] = seen.get(b.track, 0) + 1 if hit else 0
+            box[inside], in_view[inside] = b.track, seen[b.track]
+            velocity[:, inside] = b.velocity[:, None]
+        yield Truth(box, velocity, in_view)
+
+
+@dataclass(frozen=True)
+class Score:
+    """Medians over moving cells, and how the moving/standing decision does over all occupied cells."""
+
+    cells: int
+    velocity_error: float
+    heading_error: float
+    precision: float
+    recall: float
+    tracks: dict[int, tuple[int, float, float, float, float]]
+
+
+def score(
+    velocity: NDArray[np.float16],
+    covariance: NDArray[np.float16],
+    truth: list[Truth],
+    grids: Grids,
+    ego_velocity: FloatArray,
+    parameters: DogmaParameters,
+) -> Score:
+    """Compare the filter's output with `truth`; `ego_velocity` (T, 2) is what the frame's velocities are relative to."""
+    moving = is_moving(torch.from_numpy(velocity), torch.from_numpy(covariance), parameters.tau).numpy()
+    errors, headings, speeds, tracks, decided, true = [], [], [], [], [], []
+    for t, now in enumerate(truth):
+        known = (grids.labels[t] == OCCUPIED) & (covariance[t, 0] > 0) & (t >= IN_VIEW)
+        actual = now.velocity - ego_velocity[t][:, None, None]
+        speed = np.hypot(*now.velocity)
+        decided.append(moving[t][known])
+        true.append(np.hypot(*actual)[known] > MOVING)
+        chosen = known & (now.box >= 0) & (speed > MOVING) & (speed <= FASTEST) & (now.in_view >= IN_VIEW)
+        error = velocity[t].astype(np.float32) - actual
+        found = velocity[t].astype(np.float32)
+        cross = found[0] * actual[1] - found[1] * actual[0]
+        dot = found[0] * actual[0] + found[1] * actual[1]
+        errors.append(np.hypot(*error)[chosen])
+        headings.append(np.degrees(np.abs(np.arctan2(cross, dot)))[chosen])
+        speeds.append(np.stack((np.hypot(*actual)[chosen], np.hypot(*found)[chosen])))
+        tracks.append(now.box[chosen])
+    e, h, s, k = np.concatenate(errors), np.concatenate(headings), np.concatenate(speeds, 1), np.concatenate(tracks)
+    d, a = np.concatenate(decided), np.concatenate(true)
+    per_track = {
+        int(n): (
+            int((k == n).sum()),
+            float(np.median(s[0, k == n])),
+            float(np.median(s[1, k == n])),
+            float(np.median(e[k == n])),
+            float(np.median(h[k == n])),
+        )
+        for n in np.unique(k)
+    }
+    return Score(
+        len(e), float(np.median(e)), float(np.median(h)), (d & a).sum() / d.sum(), (d & a).sum() / a.sum(), per_track
+    )
+
+
+def main() -> None:
+    """Print one row per frame of reference and particle count."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
+    parser.add_argument("drive", type=Path, nargs="+", help="folder <date>_drive_<number>_sync with tracklet_labels.xml")
+    parser.add_argument("--particles", type=int, nargs="+", default=[200_000])
+    parser.add_argument("--frames", nargs="+", default=["ground", "ego"])
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--tracks", action="store_true", help="also one row per object")
+    options = parser.parse_args()
+    grid = GridSpec()
+    print(f"{'drive':24} {'frame':7} {'particles':>9} {'cells':>6} {'|error| m/s':>11} {'heading deg':>11} precision recall")
+    for folder in options.drive:
+        drive = KittiDrive(folder)
+        grids = map_drive(drive, grid)
+        truth = list(rasterise(read_boxes(drive), grids, grid))
+        times = [drive.time(k) for k in drive.frames]
+        ego_velocity = np.stack([np.gradient(drive.poses[:, axis, 3], times) for axis in (0, 1)], 1)
+        measured = evidence.measured(grids.labels)
+        for frame in options.frames:
+            for count in options.particles:
+                parameters = DogmaParameters(
+                    replace(ParticleFilterParameters(), persistent=count, births=count // 10, frame=frame)
+                )
+                dogma = run(measured, grids.centre_cell, parameters, grid, options.seed)
+                relative_to = ego_velocity if frame == "ego" else np.zeros_like(ego_velocity)
+                result = score(dogma.velocity, dogma.covariance, truth, grids, relative_to, parameters)
+                print(
+                    f"{drive.name:24.24} {frame:7} {count:9d} {result.cells:6d} {result.velocity_error:11.2f} "
+                    f"{result.heading_error:11.1f} {result.precision:9.2f} {result.recall:6.2f}"
+                )
+                if options.tracks:
+                    for track, (cells, true, found, error, heading) in result.tracks.items():
+                        print(
+                            f"  object {track:3d}: {cells:6d} cells, true {true:5.2f} m/s, found {found:5.2f} m/s, "
+                            f"|error| {error:5.2f} m/s, heading {heading:5.1f} deg"
+                        )
+
+
+if __name__ == "__main__":
+    main()
