@@ -102,7 +102,9 @@ def read_points(file: Path) -> NDArray[np.float32]:
         if size == 0:
             raise UserError(f"{file}: an empty scan; {remedy}")
         if size % 16:
-            raise UserError(f"{file}: {size} bytes are no whole number of points of 16 bytes, so it is cut short; {remedy}")
+            raise UserError(
+                f"{file}: {size} bytes are no whole number of points of 16 bytes, so it is cut short; {remedy}"
+            )
         points = np.fromfile(file, np.float32).reshape(-1, 4)
     except OSError as error:
         raise UserError(f"{file}: cannot be read ({error.strerror}); {remedy}") from None
