@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, Literal
 
 import numpy as np
@@ -206,8 +207,7 @@ def _in_processes(
 
 def _enter_worker(frames: Any) -> None:
     """Leave Ctrl-C to the parent, and follow it if it is killed."""
-    global _frames
-    _frames = frames
+    _worker.frames = frames
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # unwinds, so that the unfinished part is removed
     parent = multiprocessing.parent_process()
@@ -220,13 +220,13 @@ def _enter_worker(frames: Any) -> None:
     threading.Thread(target=follow, daemon=True).start()
 
 
-_frames: Any = None
+_worker = SimpleNamespace(frames=None)  # what a local worker process shares with its parent
 
 
 def _job(drive: Drive, store: Path, parameters: MappingParameters, key: str) -> str | None:
     def count() -> None:
-        with _frames.get_lock():
-            _frames.value += 1
+        with _worker.frames.get_lock():
+            _worker.frames.value += 1
 
     return _attempt(drive, store, parameters, key, count)
 

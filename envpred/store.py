@@ -102,7 +102,7 @@ class Store:
         index = _read_json(file)
         if index.get("format") != FORMAT:
             raise UserError(
-                f"{file}: format {index.get('format')} is not {FORMAT}, the one this version reads; build the store again"
+                f"{file}: format {index.get('format')} is not {FORMAT}, which this version reads; build the store again"
             )
         return index
 

@@ -1,6 +1,7 @@
 """What every reader gives: a drive's names, times, poses and scans, read when they are asked for."""
 
 import importlib
+import itertools
 import pkgutil
 from abc import ABC, abstractmethod
 from functools import cached_property
@@ -63,7 +64,7 @@ class Drive(ABC):
         """Stretches without a gap, as (first, length) in positions of `frames`."""
         breaks = np.flatnonzero(np.diff(self.frames) != 1) + 1
         edges = [0, *breaks.tolist(), len(self.frames)]
-        return [(a, b - a) for a, b in zip(edges[:-1], edges[1:], strict=True) if b > a]
+        return [(a, b - a) for a, b in itertools.pairwise(edges) if b > a]
 
 
 def find_drives(root: Path | str) -> list[Drive]:

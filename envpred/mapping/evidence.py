@@ -1,4 +1,4 @@
-"""Evidential occupancy grids: Dempster-Shafer masses over {occupied, free}, accumulated over a drive (Nuss et al. 2015).
+"""Evidential occupancy grids: Dempster-Shafer masses of occupied and free, accumulated over a drive (Nuss et al. 2015).
 
 A cell carries m(O) and m(F); what is left, 1 - m(O) - m(F), is ignorance.  Channel order: (occupied, free).
 """

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from envpred.mapping.geometry import GridSpec
 
-
 # sqrt(2) (side / 2 + 1 m): whatever the ego's heading, points that far cover the grid.
 REACH = float(np.sqrt(2) * (GridSpec().side / 2 + 1.0))
 
