@@ -67,8 +67,8 @@ class OdometryDrive(Drive):
         camera = np.concatenate([camera, np.broadcast_to([[[0.0, 0, 0, 1]]], (len(camera), 1, 4))], axis=1)
         sensor = np.linalg.inv(velodyne_to_camera) @ camera @ velodyne_to_camera
         # World: the first body frame, so that positions start at zero.
-        body = PAPER_SENSOR_OFFSET @ sensor @ np.linalg.inv(PAPER_SENSOR_OFFSET)
-        return np.array(body, dtype=np.float64)
+        body: FloatArray = (PAPER_SENSOR_OFFSET @ sensor @ np.linalg.inv(PAPER_SENSOR_OFFSET)).astype(np.float64)
+        return body
 
     def _pose_file(self) -> Path:
         places = [self.folder / "poses.txt", self.folder.parents[1] / "poses" / f"{self.folder.name}.txt"]
