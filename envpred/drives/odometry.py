@@ -61,13 +61,13 @@ class OdometryDrive(Drive):
         except (KeyError, ValueError, AttributeError):
             raise UserError(f"{calibration}: no line `Tr:` with 12 numbers; copy it again") from None
         try:
-            camera = np.loadtxt(poses, ndmin=2).reshape(-1, 3, 4)
+            camera: FloatArray = np.loadtxt(poses, ndmin=2).reshape(-1, 3, 4)
         except ValueError:
             raise UserError(f"{poses}: a pose has 12 numbers a line; copy it again") from None
         camera = np.concatenate([camera, np.broadcast_to([[[0.0, 0, 0, 1]]], (len(camera), 1, 4))], axis=1)
         sensor = np.linalg.inv(velodyne_to_camera) @ camera @ velodyne_to_camera
         # World: the first body frame, so that positions start at zero.
-        body: FloatArray = (PAPER_SENSOR_OFFSET @ sensor @ np.linalg.inv(PAPER_SENSOR_OFFSET)).astype(np.float64)
+        body: FloatArray = PAPER_SENSOR_OFFSET @ sensor.astype(np.float64) @ np.linalg.inv(PAPER_SENSOR_OFFSET)
         return body
 
     def _pose_file(self) -> Path:
