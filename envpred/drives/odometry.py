@@ -6,6 +6,7 @@ body frame is put where KITTI's IMU sits.
 
 from functools import cached_property
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 import pykitti.utils
@@ -67,8 +68,7 @@ class OdometryDrive(Drive):
         camera = np.concatenate([camera, np.broadcast_to([[[0.0, 0, 0, 1]]], (len(camera), 1, 4))], axis=1)
         sensor = np.linalg.inv(velodyne_to_camera) @ camera @ velodyne_to_camera
         # World: the first body frame, so that positions start at zero.
-        body: FloatArray = PAPER_SENSOR_OFFSET @ sensor.astype(np.float64) @ np.linalg.inv(PAPER_SENSOR_OFFSET)
-        return body
+        return cast(FloatArray, PAPER_SENSOR_OFFSET @ sensor @ np.linalg.inv(PAPER_SENSOR_OFFSET))
 
     def _pose_file(self) -> Path:
         places = [self.folder / "poses.txt", self.folder.parents[1] / "poses" / f"{self.folder.name}.txt"]
