@@ -6,6 +6,7 @@ body frame is put where KITTI's IMU sits.
 
 from functools import cached_property
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 import pykitti.utils
@@ -42,7 +43,7 @@ class OdometryDrive(Drive):
         return pose
 
     def time(self, k: int) -> float:
-        return self._times[k] - self._times[self.frames[0]]
+        return float(self._times[k] - self._times[self.frames[0]])
 
     def sensor_to_body(self) -> FloatArray:
         return PAPER_SENSOR_OFFSET
@@ -61,14 +62,13 @@ class OdometryDrive(Drive):
         except (KeyError, ValueError, AttributeError):
             raise UserError(f"{calibration}: no line `Tr:` with 12 numbers; copy it again") from None
         try:
-            camera = np.loadtxt(poses, ndmin=2).reshape(-1, 3, 4)
+            camera: FloatArray = np.loadtxt(poses, ndmin=2).reshape(-1, 3, 4)
         except ValueError:
             raise UserError(f"{poses}: a pose has 12 numbers a line; copy it again") from None
         camera = np.concatenate([camera, np.broadcast_to([[[0.0, 0, 0, 1]]], (len(camera), 1, 4))], axis=1)
         sensor = np.linalg.inv(velodyne_to_camera) @ camera @ velodyne_to_camera
         # World: the first body frame, so that positions start at zero.
-        body: FloatArray = PAPER_SENSOR_OFFSET @ sensor @ np.linalg.inv(PAPER_SENSOR_OFFSET)
-        return body
+        return cast(FloatArray, PAPER_SENSOR_OFFSET @ sensor @ np.linalg.inv(PAPER_SENSOR_OFFSET))
 
     def _pose_file(self) -> Path:
         places = [self.folder / "poses.txt", self.folder.parents[1] / "poses" / f"{self.folder.name}.txt"]
