@@ -2,8 +2,8 @@
 
     python benchmarks/velocity_truth.py 2011_09_26/2011_09_26_drive_0005_sync --particles 20000 200000 2000000
 
-Works on drives in KITTI raw's layout with a `tracklet_labels.xml`, real or simulated.  Truth is the motion of the boxes'
-centres in the world (central differences); a cell's truth is that of the box it lies in.
+Works on drives in KITTI raw's layout with a `tracklet_labels.xml`, real or simulated.  Truth is the motion of the
+boxes' centres in the world (central differences); a cell's truth is that of the box it lies in.
 """
 
 import argparse
@@ -21,7 +21,7 @@ from envpred.drives.kitti import KittiDrive
 from envpred.errors import UserError
 from envpred.mapping import evidence
 from envpred.mapping.dogma import DogmaParameters, is_moving, run
-from envpred.mapping.geometry import EGO, OCCUPIED, FloatArray, GridSpec, transform
+from envpred.mapping.geometry import OCCUPIED, FloatArray, GridSpec, heading_of, transform
 from envpred.mapping.ground import MarkovRandomField
 from envpred.mapping.label_grid import RayCasting
 from envpred.mapping.particle_state import ParticleFilterParameters
@@ -33,7 +33,7 @@ IN_VIEW = 10  # frames that a cell's object must have been in view
 
 @dataclass(frozen=True)
 class Box:
-    """One object at one frame: centre (2,) in metres, heading, length, width, and the velocity (2,) of its centre, world."""
+    """One object at one frame: centre (2,) and velocity (2,) in the world, heading, length, width."""
 
     centre: FloatArray
     heading: float
@@ -54,11 +54,13 @@ class Grids:
 
 @dataclass(frozen=True)
 class Truth:
-    """Per cell: the number of the box that covers it (-1: none), its velocity (m/s), and for how long it is in view."""
+    """Per cell: the number of the box that covers it (-1: none), its velocity (m/s), for how many frames it has been in
+    view, and whether an object there would have a box."""
 
     box: NDArray[np.int32]
     velocity: NDArray[np.float32]
     in_view: NDArray[np.int32]
+    annotated: NDArray[np.bool_]
 
 
 def read_boxes(drive: KittiDrive) -> list[list[Box]]:
@@ -99,13 +101,17 @@ def map_drive(drive: Drive, grid: GridSpec) -> Grids:
     return Grids(np.stack(labels), centre_cell, origin)
 
 
-def rasterise(boxes: list[list[Box]], grids: Grids, grid: GridSpec) -> Iterator[Truth]:
-    """What the boxes say about the cells of every frame."""
+def rasterise(
+    boxes: list[list[Box]], grids: Grids, grid: GridSpec, poses: FloatArray, view: float = 360.0
+) -> Iterator[Truth]:
+    """What the boxes say about the cells of every frame; `view`: degrees about the ego's heading that have boxes."""
     seen: dict[int, int] = {}
     offset = np.arange(grid.cells) - grid.half
     for t, frame in enumerate(boxes):
         east = (grids.centre_cell[t, 0] + offset)[:, None] * grid.resolution + grids.origin[0]
         north = (grids.centre_cell[t, 1] + offset)[None, :] * grid.resolution + grids.origin[1]
+        bearing = np.arctan2(north - poses[t, 1, 3], east - poses[t, 0, 3]) - heading_of(poses[t])
+        annotated = np.cos(bearing) >= np.cos(np.radians(view / 2))
         box = np.full((grid.cells, grid.cells), -1, np.int32)
         velocity = np.zeros((2, grid.cells, grid.cells), np.float32)
         in_view = np.zeros((grid.cells, grid.cells), np.int32)
@@ -117,7 +123,7 @@ def rasterise(boxes: list[list[Box]], grids: Grids, grid: GridSpec) -> Iterator[
             seen[b.track] = seen.get(b.track, 0) + 1 if hit else 0
             box[inside], in_view[inside] = b.track, seen[b.track]
             velocity[:, inside] = b.velocity[:, None]
-        yield Truth(box, velocity, in_view)
+        yield Truth(box, velocity, in_view, annotated)
 
 
 @dataclass(frozen=True)
@@ -140,15 +146,15 @@ def score(
     ego_velocity: FloatArray,
     parameters: DogmaParameters,
 ) -> Score:
-    """Compare the filter's output with `truth`; `ego_velocity` (T, 2) is what the frame's velocities are relative to."""
+    """Compare the filter's output with `truth`; velocities are relative to `ego_velocity` (T, 2)."""
     moving = is_moving(torch.from_numpy(velocity), torch.from_numpy(covariance), parameters.tau).numpy()
     errors, headings, speeds, tracks, decided, true = [], [], [], [], [], []
     for t, now in enumerate(truth):
         known = (grids.labels[t] == OCCUPIED) & (covariance[t, 0] > 0) & (t >= IN_VIEW)
         actual = now.velocity - ego_velocity[t][:, None, None]
         speed = np.hypot(*now.velocity)
-        decided.append(moving[t][known])
-        true.append(np.hypot(*actual)[known] > MOVING)
+        decided.append(moving[t][known & now.annotated])
+        true.append(np.hypot(*actual)[known & now.annotated] > MOVING)
         chosen = known & (now.box >= 0) & (speed > MOVING) & (speed <= FASTEST) & (now.in_view >= IN_VIEW)
         error = velocity[t].astype(np.float32) - actual
         found = velocity[t].astype(np.float32)
@@ -178,18 +184,26 @@ def score(
 def main() -> None:
     """Print one row per frame of reference and particle count."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
-    parser.add_argument("drive", type=Path, nargs="+", help="folder <date>_drive_<number>_sync with tracklet_labels.xml")
+    parser.add_argument(
+        "drive", type=Path, nargs="+", help="folder <date>_drive_<number>_sync with tracklet_labels.xml"
+    )
     parser.add_argument("--particles", type=int, nargs="+", default=[200_000])
     parser.add_argument("--frames", nargs="+", default=["ground", "ego"])
+    parser.add_argument(
+        "--view", type=float, default=360.0, help="degrees ahead in which objects have boxes (KITTI: 80)"
+    )
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--tracks", action="store_true", help="also one row per object")
     options = parser.parse_args()
     grid = GridSpec()
-    print(f"{'drive':24} {'frame':7} {'particles':>9} {'cells':>6} {'|error| m/s':>11} {'heading deg':>11} precision recall")
+    print(
+        f"{'drive':24} {'frame':7} {'particles':>9} {'cells':>6} {'|error| m/s':>11} "
+        f"{'heading deg':>11} precision recall"
+    )
     for folder in options.drive:
         drive = KittiDrive(folder)
         grids = map_drive(drive, grid)
-        truth = list(rasterise(read_boxes(drive), grids, grid))
+        truth = list(rasterise(read_boxes(drive), grids, grid, drive.poses, options.view))
         times = [drive.time(k) for k in drive.frames]
         ego_velocity = np.stack([np.gradient(drive.poses[:, axis, 3], times) for axis in (0, 1)], 1)
         measured = evidence.measured(grids.labels)

@@ -1,4 +1,4 @@
-"""Dynamic occupancy grid maps of a drive: which cells move, how fast, and what of it goes into the store (Itkina et al. 2019)."""
+"""Dynamic occupancy grid maps of a drive: which cells move, how fast, what goes into the store (Itkina et al. 2019)."""
 
 from dataclasses import dataclass, field
 
@@ -12,8 +12,8 @@ from envpred.mapping.particle_forecast import HORIZONS, forecast
 from envpred.mapping.particle_state import ParticleFilterParameters, initial_state
 from envpred.mapping.particles import DogmaGrid, step
 
-# The speed (m/s, per axis) that a network sees as 1.  Two cars that meet at 36 km/h each, relative to one of them, or one
-# at 72 km/h relative to the ground; what is faster is clipped.
+# The speed (m/s, per axis) that a network sees as 1: two cars that meet at 36 km/h each, relative to one of them, or
+# one car at 72 km/h relative to the ground.  What is faster is clipped.
 VELOCITY_SCALE = 20.0
 
 

@@ -27,8 +27,8 @@ class ParticleFilterParameters:
         birth_velocity: standard deviation of a newborn's velocity, per axis, in m/s.
         position_noise: standard deviation of the process noise on the position, per axis and frame, in metres.
         velocity_noise: standard deviation of the process noise on the velocity, per axis and frame, in m/s.
-        frame: what velocities are relative to.  "ego" (Itkina et al.): particles stay in the local grid and do not follow
-            its shift, so a standing object moves with the negative velocity of the ego, in jumps of whole cells.
+        frame: what velocities are relative to.  "ego" (Itkina et al.): particles stay in the local grid and do not
+            follow its shift, so a standing object moves with the negative velocity of the ego, in jumps of whole cells.
             "ground": particles follow the shift of the grid, so a standing object has velocity 0.
     """
 
@@ -57,6 +57,12 @@ class ParticleFilterParameters:
             raise UserError(f"period of the particle filter must be positive, not {self.period} s")
         if self.frame not in ("ego", "ground"):
             raise UserError(f"frame of the particle filter must be 'ego' or 'ground', not {self.frame!r}")
+
+
+# For velocities relative to the ground, where things stand or drive steadily.  The paper's process noise (8 m/s^2) lets
+# a particle forget its velocity within few frames, and its narrow births pull fast objects towards 0; slowly fading
+# mass spends particles on places long out of sight.
+GROUND = ParticleFilterParameters(frame="ground", survival=0.9, birth=0.01, birth_velocity=10.0, velocity_noise=0.2)
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,8 @@
-"""Dynamic occupancy grids by particles: the PHD/MIB filter of Nuss et al. 2016, whose equation numbers stand beside the code.
+"""Dynamic occupancy grids by particles: the PHD/MIB filter of Nuss et al. 2016; its equation numbers stand in the code.
 
 "A random finite set approach for dynamic occupancy grid maps with real-time application" (Int. J. Robotics Research
-2018).  Occupied mass is carried by particles with a velocity, free mass by the cells.  All steps are array operations on
-any device.  Particles are counted on the grid with a rim one cell wide, which collects those that have left.
+2018).  Occupied mass is carried by particles with a velocity, free mass by the cells.  All steps are array operations
+on any device.  Particles are counted on the grid with a rim one cell wide, which collects those that have left.
 """
 
 from collections.abc import Sequence
@@ -64,7 +64,7 @@ def step(
         generator: source of randomness, on the state's device.
 
     Raises:
-        ValueError: if the shapes do not belong together or `measured` holds no masses (not a number, negative, sum > 1).
+        ValueError: if the shapes do not belong together or `measured` holds no masses (NaN, negative, sum > 1).
     """
     check(state, measured, shift, parameters, grid)
     persistent = sort_by_cell(*predict(state, shift, parameters, grid, generator), grid.cells)
@@ -114,7 +114,8 @@ def cell_number(position: Tensor, cells: int) -> Tensor:
     """Number (N,) of the cell of each `position` (2, N), in the grid with its rim."""
     i, j = position.floor().clamp_(-1, cells).add_(1)
     small = (cells + 2) ** 2 < 2**15  # short keys sort faster
-    return (i * (cells + 2) + j).to(torch.int16 if small else torch.int32)
+    number: Tensor = i * (cells + 2) + j
+    return number.to(torch.int16 if small else torch.int32)
 
 
 def predict_occupied(count: Tensor, weight: Tensor, parameters: ParticleFilterParameters) -> Tensor:
@@ -128,7 +129,7 @@ def predict_free(free: Tensor, occupied_predicted: Tensor, parameters: ParticleF
 
 
 def combine(occupied: Tensor, free: Tensor, measured: Tensor) -> Tensor:
-    """Dempster's rule (63): masses (2, H, W) from the predicted `occupied` and `free` (H, W) and `measured` (2, H, W)."""
+    """Dempster's rule (63): masses (2, H, W) from predicted `occupied` and `free` (H, W) and `measured` (2, H, W)."""
     unknown, unknown_measured = 1 - occupied - free, 1 - measured[0] - measured[1]
     conflict = free * measured[0] + occupied * measured[1]
     agreed_occupied = occupied * unknown_measured + unknown * measured[0] + occupied * measured[0]
@@ -146,7 +147,7 @@ def split_occupied(
 
 
 def give_birth(born: Tensor, parameters: ParticleFilterParameters, generator: torch.Generator) -> Particles:
-    """New particles (74)-(80): cells get them in proportion to `born` (H, W), anywhere in the cell, at random velocities."""
+    """New particles (74)-(80): cells get them in proportion to `born` (H, W), anywhere in the cell, at any velocity."""
     share = with_rim(born)
     count = apportion(share, torch.ones_like(share), parameters.births, generator)
     number = torch.repeat_interleave(count, output_size=parameters.births)
@@ -185,7 +186,7 @@ def resample(
     children = apportion(share, count, N, generator)
 
     group = torch.repeat_interleave(children, output_size=N)
-    # Child r of a cell's n takes the particle at (r + u) k / n of its k; 0.999 keeps rounding from reaching the next cell.
+    # Child r of a cell's n takes the particle at (r + u) k / n of its k; 0.999 keeps rounding inside the cell.
     stride = count / children.clamp(min=1).double()
     u = 0.999 * torch.rand(stride.shape, generator=generator, device=share.device, dtype=stride.dtype)
     start = (count.cumsum(0) - count) + (u - (children.cumsum(0) - children)) * stride
@@ -251,5 +252,5 @@ def check(
             f"not {tuple(state.position.shape)} and {tuple(state.velocity.shape)}"
         )
     # Comparisons with "not a number" are false, so this finds it as well.
-    if not bool(((measured >= 0).all() & (measured.sum(0) <= 1 + 1e-6).all())):
+    if not bool((measured >= 0).all() & (measured.sum(0) <= 1 + 1e-6).all()):
         raise ValueError("measured masses must be numbers of at least 0 that sum to at most 1 in every cell")
