@@ -25,11 +25,13 @@ class ParticleFilterParameters:
         survival: probability p_S that what occupies a cell is still there one frame later.
         birth: probability p_B that a cell is newly occupied.
         birth_velocity: standard deviation of a newborn's velocity, per axis, in m/s.
+        birth_standing: share of the newborns that start with velocity 0 instead (the paper has none).
         position_noise: standard deviation of the process noise on the position, per axis and frame, in metres.
         velocity_noise: standard deviation of the process noise on the velocity, per axis and frame, in m/s.
         frame: what velocities are relative to.  "ego" (Itkina et al.): particles stay in the local grid and do not
             follow its shift, so a standing object moves with the negative velocity of the ego, in jumps of whole cells.
-            "ground": particles follow the shift of the grid, so a standing object has velocity 0.
+            "ground": particles follow the shift of the grid, so a standing object has velocity 0.  Cells that enter the
+            grid then have no prior: what is found there is newly born.
     """
 
     persistent: int = 200_000
@@ -39,6 +41,7 @@ class ParticleFilterParameters:
     survival: float = 0.99
     birth: float = 0.02
     birth_velocity: float = 4.0
+    birth_standing: float = 0.0
     position_noise: float = 0.02
     velocity_noise: float = 0.8
     frame: Literal["ego", "ground"] = "ego"
@@ -50,6 +53,8 @@ class ParticleFilterParameters:
         for name in ("discount", "survival", "birth"):
             if not 0 < getattr(self, name) < 1:
                 raise UserError(f"{name} of the particle filter must lie between 0 and 1, not {getattr(self, name)}")
+        if not 0 <= self.birth_standing <= 1:
+            raise UserError(f"birth_standing of the particle filter must lie in 0 ... 1, not {self.birth_standing}")
         for name in ("birth_velocity", "position_noise", "velocity_noise"):
             if not getattr(self, name) >= 0:
                 raise UserError(f"{name} of the particle filter must not be negative, not {getattr(self, name)}")
@@ -59,10 +64,13 @@ class ParticleFilterParameters:
             raise UserError(f"frame of the particle filter must be 'ego' or 'ground', not {self.frame!r}")
 
 
-# For velocities relative to the ground, where things stand or drive steadily.  The paper's process noise (8 m/s^2) lets
-# a particle forget its velocity within few frames, and its narrow births pull fast objects towards 0; slowly fading
-# mass spends particles on places long out of sight.
-GROUND = ParticleFilterParameters(frame="ground", survival=0.9, birth=0.01, birth_velocity=10.0, velocity_noise=0.2)
+# For velocities relative to the ground, where most things stand and the others drive steadily.  The paper's process
+# noise (8 m/s^2) lets a particle forget its velocity within few frames; its narrow births pull fast objects towards 0;
+# slowly fading mass spends particles on places long out of sight.  A long wall says nothing about a velocity along it,
+# so some newborns that stand decide for what is likelier.
+GROUND = ParticleFilterParameters(
+    survival=0.9, birth=0.005, birth_velocity=10.0, birth_standing=0.05, velocity_noise=0.2, frame="ground"
+)
 
 
 @dataclass(frozen=True)

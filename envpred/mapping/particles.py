@@ -70,6 +70,9 @@ def step(
     persistent = sort_by_cell(*predict(state, shift, parameters, grid, generator), grid.cells)
 
     occupied_predicted = predict_occupied(without_rim(persistent.count, grid.cells), state.weight, parameters)
+    if parameters.frame == "ground":
+        # Particles from beyond the border are missing, so what has crept into the cells that enter is no prediction.
+        occupied_predicted = occupied_predicted * shifted(torch.ones_like(occupied_predicted), shift)
     free_predicted = predict_free(shifted(state.mass[1], shift), occupied_predicted, parameters)
     mass = combine(occupied_predicted, free_predicted, measured)
     born, persisting = split_occupied(mass[0], occupied_predicted, parameters)
@@ -155,6 +158,7 @@ def give_birth(born: Tensor, parameters: ParticleFilterParameters, generator: to
     corner = torch.stack((torch.div(number, width, rounding_mode="floor"), number % width)) - 1
     position = corner + torch.rand(corner.shape, generator=generator, device=born.device)
     velocity = torch.randn(corner.shape, generator=generator, device=born.device) * parameters.birth_velocity
+    velocity *= torch.rand(corner.shape[1], generator=generator, device=born.device) >= parameters.birth_standing
     return Particles(position, velocity, count)
 
 

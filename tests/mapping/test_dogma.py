@@ -19,7 +19,7 @@ from envpred.mapping.dogma import (
     scaled,
     to_byte,
 )
-from envpred.mapping.geometry import EGO, GridSpec
+from envpred.mapping.geometry import EGO, OCCUPIED, GridSpec
 from envpred.mapping.particle_forecast import forecast
 from envpred.mapping.particle_state import GROUND, ParticleFilterParameters, initial_state
 from envpred.mapping.particles import DogmaGrid, step
@@ -124,3 +124,4 @@ def test_ego_velocity_of_a_real_drive(shared: Path) -> None:
         velocity = run(evidence.measured(labels), centre_cell, few).velocity[-5:].astype(np.float32)
         cells = np.moveaxis(velocity, 1, -1)
         assert np.hypot(*(np.median(cells[labels[-5:] == EGO], axis=0) - expected)) < 1.0
+    assert np.hypot(*np.median(cells[labels[-5:] == OCCUPIED], axis=0)) < 1.5  # walls, and some cars that keep up

@@ -136,6 +136,25 @@ class TestEquations:
         torch.testing.assert_close(inside.mean(1), torch.full((2,), 0.5), atol=0.01, rtol=0)
         torch.testing.assert_close(newborn.velocity.std(1), torch.full((2,), 4.0), rtol=0.02, atol=0)
 
+    def test_some_newborns_stand(self) -> None:
+        newborn = give_birth(torch.ones(8, 8), replace(PAPER, birth_standing=0.3), seeded())
+        assert (newborn.velocity == 0).all(0).float().mean().item() == pytest.approx(0.3, abs=0.02)
+
+    def test_cells_that_enter_have_no_prior_in_the_ground_frame(self) -> None:
+        quiet = replace(SMALL, position_noise=0, velocity_noise=0, frame="ground")
+        state = replace(
+            initial_state(quiet, TINY),
+            position=torch.full((2, 300), 7.5),
+            velocity=torch.tensor([[10.0], [0.0]]).repeat(1, 300),  # three cells a frame
+            weight=torch.tensor(0.003),
+        )
+        _, dogma = step(state, torch.zeros(2, 8, 8), (3, 0), quiet, TINY, seeded())
+        assert dogma.mass.count_nonzero() == 0
+        _, dogma = step(
+            replace(state, position=state.position - 4), torch.zeros(2, 8, 8), (1, 0), quiet, TINY, seeded()
+        )
+        assert dogma.mass[0].nonzero().tolist() == [[5, 3]]
+
 
 class TestSampling:
     @given(st.lists(st.floats(0, 10), min_size=1, max_size=30), st.integers(1, 200), st.integers(0, 99))
@@ -265,7 +284,7 @@ class TestInvariants:
 def block_scene(
     grid: GridSpec, frames: int, velocity: tuple[float, float], ego_cells: tuple[int, int] = (0, 0)
 ) -> tuple[list[torch.Tensor], torch.Tensor]:
-    """A block of 4 m x 2 m in free space, moving relative to the ground, on a grid that moves by `ego_cells` a frame.
+    """A block of 2 m x 2 m in free space, moving relative to the ground, on a grid that moves by `ego_cells` a frame.
 
     Returns the measurements and the cells that the block covers in the last frame.
     """
@@ -276,7 +295,7 @@ def block_scene(
             centre - offset - v * PAPER.period * (t - frames + 1) + step_cells * grid.resolution * (t - frames + 1)
             for offset, v, step_cells in zip((3.0, -2.0), velocity, ego_cells, strict=True)
         ]
-        block = (where[0].abs()[:, None] <= 2) & (where[1].abs()[None, :] <= 1)
+        block = (where[0].abs()[:, None] <= 1) & (where[1].abs()[None, :] <= 1)
         grids.append(masses(block.float()))
     return grids, block
 
@@ -332,6 +351,7 @@ class TestBadInput:
             ({"discount": 0.0}, "discount"),
             ({"birth": float("nan")}, "birth of"),
             ({"velocity_noise": -1.0}, "velocity_noise"),
+            ({"birth_standing": 2.0}, "birth_standing"),
             ({"period": 0.0}, "period"),
             ({"frame": "world"}, "'ego' or 'ground'"),
         ],
