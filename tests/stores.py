@@ -2,8 +2,10 @@
 
 import itertools
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from envpred.mapping import evidence
 from envpred.mapping.geometry import EGO, FREE, OCCUPIED
@@ -38,7 +40,7 @@ def write_store(
             "source": {"drive": name, "frames": T},
         }
         mass = evidence.accumulate(labels, centre_cell).astype(np.float16)
-        arrays = {
+        arrays: dict[str, NDArray[Any]] = {
             "label": labels,
             "evidence": mass,
             "centre_cell": centre_cell,
