@@ -1,6 +1,6 @@
 """PredNet (Lotter, Kreiman, Cox 2017), equal to the authors' Keras layer in the form that the paper uses.
 
-Layer l works on H/2^l x W/2^l cells.  The names of its four parts are those of the PredNet paper: the *representation*
+Layer l works on H/2^l x W/2^l cells.  Its four parts have the names of the PredNet paper: the *representation*
 R (a convolutional LSTM), the *prediction* Ahat of the layer's input, that input or *target* A, and the *error* E between
 the two.  All kernels are 3 x 3 with zero padding.
 """
@@ -14,6 +14,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn import functional
+
+from envpred.networks.prednet_window import LayerWeights, Plan, unroll
 
 KERAS_GATES = "ifoc"  # the order of the gates within our fused convolution: the three sigmoids, then the candidate
 
@@ -116,7 +118,17 @@ class PredNet(nn.Module):
         """
         shown, steps = self._plan(frames, given, steps)
         wanted = len(self.channels) if error_layers is None else error_layers
-        state = self.initial_state(frames.shape[0], *frames.shape[3:])
+        plan = Plan(shown, steps, wanted, self.feedback == "stale")
+        device = frames.device.type
+        dtype = torch.get_autocast_dtype(device) if torch.is_autocast_enabled(device) else self.lowest.dtype
+        convolutions = zip(self.gates, self.predict, (*self.target, None), strict=True)
+        weights = [LayerWeights.prepare(*layer, dtype) for layer in convolutions]
+        return Unrolled(*unroll(frames, self.lowest, plan, weights))
+
+    def unroll_by_steps(
+        self, frames: Tensor, shown: int, steps: int, wanted: int
+    ) -> Unrolled:
+        state = self.initial_state(len(frames), *frames.shape[3:])
         predictions, errors = [], []
         for t in range(steps):
             predictions.append(state.prediction)
