@@ -16,7 +16,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from envpred.networks.prednet_gradient import unroll
-from envpred.networks.prednet_window import LayerWeights, Plan
+from envpred.networks.prednet_window import LayerWeights, Plan, dense
 
 KERAS_GATES = "ifoc"  # the order of the gates within our fused convolution: the three sigmoids, then the candidate
 
@@ -145,7 +145,7 @@ class PredNet(nn.Module):
         self._check_size(height, width)
         weight = self.predict[0].weight
         sizes = [(batch, s, height >> layer, width >> layer) for layer, s in enumerate(self.channels)]
-        zero = [torch.zeros(size, dtype=weight.dtype, device=weight.device) for size in sizes]
+        zero = [dense(torch.zeros(size, dtype=weight.dtype, device=weight.device)) for size in sizes]
         error = [torch.cat([z, z], 1) for z in zero]
         return self._predict(error, PredNetState(tuple(zero), tuple(zero), zero[0], zero[0]))
 

@@ -47,7 +47,8 @@ class LayerWeights(NamedTuple):
     ) -> "LayerWeights":
         """The weights of a layer's convolutions, in `dtype`; gradients flow back to them."""
         s = predict.out_channels
-        scale, shift = gates.weight.new_tensor([[0.2, 0.5]] * 3 * s + [[1.0, 0.0]] * s).unbind(1)
+        scale, shift = torch.ones_like(_bias(gates)), torch.zeros_like(_bias(gates))
+        scale[: 3 * s], shift[: 3 * s] = 0.2, 0.5
         kernel = gates.weight * scale.view(-1, 1, 1, 1)
         weights = [kernel[:, : 3 * s], _bias(gates) * scale + shift, predict.weight, _bias(predict)]
         if target is None:
