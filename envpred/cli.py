@@ -38,7 +38,7 @@ def own(name: str, args: list[str]) -> None:
     parser = ArgumentParser(prog=f"envpred {name}", description=(function.__doc__ or "").splitlines()[0])
     parser.add_argument("--config", action="config", help="Path to a configuration file in YAML.")
     parser.add_function_arguments(function, as_positional=False)
-    options = parser.instantiate_classes(parser.parse_args(args))
+    options = parser.instantiate(parser.parse_args(args))
     function(**{key: options[key] for key in vars(options) if key != "config"})
 
 

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from envpred.build import MappingParameters, build
+from envpred.errors import UserError
 from envpred.mapping.evidence import EvidenceParameters
 from envpred.mapping.geometry import GridSpec
 from envpred.mapping.ground import GroundSegmenter, MarkovRandomField
@@ -47,13 +48,25 @@ def grids(
 def verify(store: Path) -> None:
     """Read a store's grids and compare their checksums.
 
+    Raises:
+        UserError: naming every damaged drive.
+
     Args:
         store: folder that `envpred grids` wrote.
     """
-    drives = Store(store).drives
-    for name, drive in drives.items():
-        drive.verify()
-        print(f"{name}: {len(drive.frames)} frames, good")
+    found = Store(store)
+    failures = []
+    for name, drive in found.drives.items():
+        try:
+            drive.verify()
+            print(f"{name}: {len(drive.frames)} frames, good")
+        except UserError as error:
+            failures.append(str(error))
+    for name in found.unfinished():
+        print(f"{name}: unfinished, `envpred grids` builds it again")
+    if failures:
+        raise UserError("\n".join([*failures, f"{len(failures)} of {len(found.drives)} drives are damaged"]))
+    print(f"{len(found.drives)} drives, all good")
 
 
 COMMANDS: dict[str, Callable[..., Any]] = {"grids": grids, "verify": verify}
