@@ -1,11 +1,12 @@
 """Where the per-drive jobs run: in local processes, or on a Dask cluster."""
 
+import contextlib
 import multiprocessing
 import os
 import signal
 import sys
 import threading
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Iterator
 from concurrent.futures import CancelledError, Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from types import SimpleNamespace
@@ -39,12 +40,8 @@ def in_processes(job: Job, drives: list[Drive], workers: int | None) -> Outcome:
     others = set(multiprocessing.active_children())
     pool = ProcessPoolExecutor(count, context, initializer=_enter_worker, initargs=(frames,))
     try:
-        # Workers inherit the mask, so a Ctrl-C while they import reaches this process alone, after the last start.
-        before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
-        try:
+        with _interrupt_later():
             waiting = {pool.submit(_in_worker, job, drive) for drive in drives}
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)
         while waiting:
             finished: set[Future[str | None]] = set()
             try:
@@ -67,6 +64,27 @@ def in_processes(job: Job, drives: list[Drive], workers: int | None) -> Outcome:
             for process in set(multiprocessing.active_children()) - others:
                 process.terminate()
         pool.shutdown(wait=True, cancel_futures=True)
+
+
+@contextlib.contextmanager
+def _interrupt_later() -> Iterator[None]:
+    """Hold a Ctrl-C back while worker processes are started, and keep it from them while they import.
+
+    They inherit the signal mask.  The mask alone is not enough here: another thread may take the signal.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    held: list[int] = []
+    handler = signal.signal(signal.SIGINT, lambda number, _: held.append(number))
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+        signal.signal(signal.SIGINT, handler)
+    if held:
+        raise KeyboardInterrupt
 
 
 _worker = SimpleNamespace(frames=None)  # what a local worker process shares with its parent
@@ -109,7 +127,7 @@ def on_cluster(job: Job, drives: list[Drive], address: str) -> Outcome:
     except ImportError:
         raise UserError("--cluster needs Dask: pip install 'envpred[cluster]'") from None
     try:
-        client: Any = distributed.Client(address, timeout="10s")
+        client: Any = distributed.Client(address, timeout="5s")
     except (OSError, ValueError) as error:
         raise UserError(
             f"{address}: no Dask scheduler answers there ({error}); start one with `dask scheduler`"

@@ -33,6 +33,8 @@ def write_json(file: Path, value: Any) -> None:
 def read_json(file: Path) -> dict[str, Any]:
     try:
         value = json.loads(file.read_text())
+    except FileNotFoundError:
+        raise UserError(f"{file}: missing; run `envpred grids` to build it") from None
     except (OSError, ValueError):
         value = None
     if not isinstance(value, dict):
