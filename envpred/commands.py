@@ -51,13 +51,25 @@ def grids(
 def verify(store: Path) -> None:
     """Read a store's grids and compare their checksums.
 
+    Raises:
+        UserError: naming every damaged drive.
+
     Args:
         store: folder that `envpred grids` wrote.
     """
-    drives = Store(store).drives
-    for name, drive in drives.items():
-        drive.verify()
-        print(f"{name}: {len(drive.frames)} frames, good")
+    found = Store(store)
+    failures = []
+    for name, drive in found.drives.items():
+        try:
+            drive.verify()
+            print(f"{name}: {len(drive.frames)} frames, good")
+        except UserError as error:
+            failures.append(str(error))
+    for name in found.unfinished():
+        print(f"{name}: unfinished, `envpred grids` builds it again")
+    if failures:
+        raise UserError("\n".join([*failures, f"{len(failures)} of {len(found.drives)} drives are damaged"]))
+    print(f"{len(found.drives)} drives, all good")
 
 
 def ground(source: Path, out: Path, drive: str | None = None, frame: int | None = None) -> None:
