@@ -1,0 +1,8 @@
+"""Where scans come from: one data layout is one file here, and is found by itself.
+
+A module of this package that defines `find(root) -> list[Drive]` is a reader; adding one is adding a file.
+"""
+
+from envpred.drives.drive import Drive, find_drives
+
+__all__ = ["Drive", "find_drives"]

@@ -1,0 +1,115 @@
+"""What every reader gives: a drive's names, times, poses and scans, read when they are asked for."""
+
+import importlib
+import itertools
+import pkgutil
+from abc import ABC, abstractmethod
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+import envpred.drives
+from envpred.errors import UserError
+from envpred.mapping.geometry import FloatArray
+
+# Sensor to IMU as the paper's reference code takes it: no rotation, metres.
+PAPER_SENSOR_OFFSET = np.array([[1, 0, 0, 0.81], [0, 1, 0, -0.32], [0, 0, 1, 0.80], [0, 0, 0, 1]], np.float64)
+
+
+class Drive(ABC):
+    """A LiDAR recording: `frames` are the frame numbers that have both a scan and a pose, in order.
+
+    The world's axes are east, north and up, in metres; a pose takes the body (IMU) frame, x forward and y left, to it.
+    """
+
+    name: str
+
+    @property
+    @abstractmethod
+    def frames(self) -> list[int]:
+        """Frame numbers that have both scan and pose."""
+
+    @abstractmethod
+    def scan(self, k: int) -> NDArray[np.float32]:
+        """Points (N, 4) of frame `k` in the sensor frame: x, y, z in metres and reflectance.
+
+        Raises:
+            UserError: if the file is missing, cut short, empty or holds coordinates that are not finite.
+        """
+
+    @abstractmethod
+    def pose(self, k: int) -> FloatArray:
+        """Pose (4, 4) of the body at frame `k`."""
+
+    @abstractmethod
+    def time(self, k: int) -> float:
+        """Time of frame `k` in seconds since the drive's first frame."""
+
+    @abstractmethod
+    def sensor_to_body(self) -> FloatArray:
+        """Rigid transform (4, 4) from the sensor frame to the body frame."""
+
+    def image(self, k: int) -> Path | None:
+        """Path of the camera picture of frame `k`, if the drive has one."""
+        return None
+
+    @cached_property
+    def poses(self) -> FloatArray:
+        """Poses (T, 4, 4) of all `frames`."""
+        return np.stack([self.pose(k) for k in self.frames])
+
+    def runs(self) -> list[tuple[int, int]]:
+        """Stretches without a gap, as (first, length) in positions of `frames`."""
+        breaks = np.flatnonzero(np.diff(self.frames) != 1) + 1
+        edges = [0, *breaks.tolist(), len(self.frames)]
+        return [(a, b - a) for a, b in itertools.pairwise(edges) if b > a]
+
+
+def find_drives(root: Path | str) -> list[Drive]:
+    """All drives at or below `root` that a reader of this package recognises, sorted by name.
+
+    Raises:
+        UserError: if `root` is not there or holds no drive.
+    """
+    root = Path(root)
+    if not root.is_dir():
+        raise UserError(f"{root}: no such folder; give the folder that holds your drives")
+    found: dict[str, Drive] = {}
+    for module in pkgutil.iter_modules(envpred.drives.__path__):
+        reader = importlib.import_module(f"envpred.drives.{module.name}")
+        for drive in getattr(reader, "find", lambda root: [])(root):
+            if drive.name in found:
+                raise UserError(f"{root}: two drives are named {drive.name}; give the folder of one of them")
+            found[drive.name] = drive
+    if not found:
+        raise UserError(
+            f"{root}: no drive found; expected KITTI raw (<date>/<date>_drive_<number>_sync/velodyne_points/data) "
+            "or KITTI odometry (sequences/<number>/velodyne)"
+        )
+    return [found[name] for name in sorted(found)]
+
+
+def read_points(file: Path) -> NDArray[np.float32]:
+    """Points (N, 4) float32 of one `.bin` scan in KITTI's format.
+
+    Raises:
+        UserError: if it is missing, cut short, empty or holds coordinates that are not finite.
+    """
+    remedy = "copy it again, or delete it to leave a gap in the drive"
+    try:
+        size = file.stat().st_size
+        if size == 0:
+            raise UserError(f"{file}: an empty scan; {remedy}")
+        if size % 16:
+            raise UserError(
+                f"{file}: {size} bytes are no whole number of points of 16 bytes, so it is cut short; {remedy}"
+            )
+        points = np.fromfile(file, np.float32).reshape(-1, 4)
+    except OSError as error:
+        raise UserError(f"{file}: cannot be read ({error.strerror}); {remedy}") from None
+    # One pass and no temporary of the scan's size: a sum is finite only if all its terms are.
+    if not np.isfinite(points.sum(dtype=np.float64)):
+        raise UserError(f"{file}: holds coordinates that are not finite; {remedy}")
+    return points

@@ -1,0 +1,125 @@
+"""KITTI raw drives (Geiger et al. 2013), synchronised and rectified, on pykitti.
+
+Scans and OXTS packets are paired by file name, never by counting: 2011_09_26_drive_0009 lacks four scans.
+"""
+
+import re
+from collections.abc import Iterable
+from datetime import datetime
+from functools import cached_property
+from itertools import chain
+from pathlib import Path
+
+import numpy as np
+import pykitti.utils
+from numpy.typing import NDArray
+
+from envpred.drives.drive import Drive, read_points
+from envpred.errors import UserError
+from envpred.mapping.geometry import FloatArray
+
+OXTS_FIELDS = 30
+
+
+def find(root: Path) -> list[Drive]:
+    """KITTI raw drives at, in, or one date folder below `root`."""
+    places: Iterable[Path] = chain([root], root.glob("*"), root.glob("*/*"))
+    return [KittiDrive(place) for place in places if (place / "velodyne_points" / "data").is_dir()]
+
+
+class KittiDrive(Drive):
+    """One folder `<date>_drive_<number>_sync`, with the day's calibration in the folder above it."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder.resolve()
+        self.name = self.folder.name
+
+    @cached_property
+    def frames(self) -> list[int]:
+        scans = _numbered(self.folder / "velodyne_points" / "data", ".bin")
+        return sorted(scans.keys() & self._packets.keys())
+
+    def scan(self, k: int) -> NDArray[np.float32]:
+        return read_points(self.folder / "velodyne_points" / "data" / f"{k:010d}.bin")
+
+    def pose(self, k: int) -> FloatArray:
+        return self._packets[k]
+
+    def time(self, k: int) -> float:
+        return self._times[k] - self._times[self.frames[0]]
+
+    def sensor_to_body(self) -> FloatArray:
+        file = self.folder.parent / "calib_imu_to_velo.txt"
+        try:
+            calibration = pykitti.utils.read_calib_file(file)
+            rotation, translation = calibration["R"].reshape(3, 3), calibration["T"].reshape(3)
+        except OSError:
+            raise UserError(
+                f"{file}: the day's calibration is missing; unpack {self.name[:10]}_calib.zip there, "
+                "or map with --sensor paper for the paper's fixed offset"
+            ) from None
+        except (KeyError, ValueError, AttributeError):
+            raise UserError(f"{file}: no rotation R (9 numbers) and translation T (3 numbers); copy it again") from None
+        return np.linalg.inv(pykitti.utils.transform_from_rot_trans(rotation, translation))
+
+    def image(self, k: int) -> Path | None:
+        for ending in (".png", ".jpg"):
+            file = self.folder / "image_02" / "data" / f"{k:010d}{ending}"
+            if file.is_file():
+                return file
+        return None
+
+    @cached_property
+    def _packets(self) -> dict[int, FloatArray]:
+        """Pose of every OXTS packet by frame number; the origin is the drive's first packet."""
+        files = _numbered(self.folder / "oxts" / "data", ".txt")
+        if not files:
+            raise UserError(f"{self.folder / 'oxts' / 'data'}: no OXTS packets; unpack the drive's oxts folder there")
+        for file in files.values():
+            _check_packet(file)
+        packets = pykitti.utils.load_oxts_packets_and_poses(list(files.values()))
+        return {k: packet.T_w_imu for k, packet in zip(files, packets, strict=True)}
+
+    @cached_property
+    def _times(self) -> dict[int, float]:
+        """Seconds by frame number, from the scans' time stamps, else the packets', else the nominal 10 Hz."""
+        scans, packets = (_timestamps(self.folder / part / "timestamps.txt") for part in ("velodyne_points", "oxts"))
+        first = min(chain(scans.values(), packets.values()), default=0.0)
+        return {k: scans.get(k, packets.get(k, first + 0.1 * k)) for k in self.frames}
+
+
+def _numbered(folder: Path, ending: str) -> dict[int, Path]:
+    """Files of a folder by the number they are named with, in order."""
+    if not folder.is_dir():
+        return {}
+    files = (file for file in folder.iterdir() if file.suffix == ending and re.fullmatch(r"\d+", file.stem))
+    return {int(file.stem): file for file in sorted(files)}
+
+
+def _check_packet(file: Path) -> None:
+    fields = file.read_text().split()
+    try:
+        numbers = np.array(fields, np.float64)
+    except ValueError:
+        numbers = np.array([np.nan])
+    if len(fields) != OXTS_FIELDS or not np.isfinite(numbers).all():
+        raise UserError(
+            f"{file}: an OXTS packet has {OXTS_FIELDS} numbers, this one {len(fields)} fields (or some that are none); "
+            "copy it again, or delete it to leave a gap in the drive"
+        )
+
+
+def _timestamps(file: Path) -> dict[int, float]:
+    """Seconds by line number; blank lines (frames that were not recorded) are left out."""
+    if not file.is_file():
+        return {}
+    times = {}
+    for k, line in enumerate(file.read_text().splitlines()):
+        if not line.strip():
+            continue
+        try:
+            # Nanoseconds are more than datetime reads; microseconds are enough.
+            times[k] = datetime.fromisoformat(line.strip()[:26]).timestamp()
+        except ValueError:
+            raise UserError(f"{file}: line {k + 1} is no time stamp ({line.strip()!r}); copy the file again") from None
+    return times

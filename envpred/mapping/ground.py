@@ -1,0 +1,170 @@
+"""Ground segmentation: the Markov random field of Postica, Romanoni and Matteucci (2016), and a RANSAC plane beside it.
+
+In the random field the height of the ground spreads from the vehicle outwards, ring by ring: a cell is ground if its
+points span little height and do not rise far above the ground next to it one ring further in.  As every cell depends
+only on the ring inside its own, one pass is exact and nothing is iterated.
+"""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from envpred.mapping.geometry import GridSpec
+
+# sqrt(2) (side / 2 + 1 m): whatever the ego's heading, points that far cover the grid.
+REACH = float(np.sqrt(2) * (GridSpec().side / 2 + 1.0))
+
+
+class GroundSegmenter(ABC):
+    """Anything that tells obstacle points from ground."""
+
+    @abstractmethod
+    def obstacles(self, points: NDArray[np.float32]) -> NDArray[np.bool_]:
+        """Which of the `points` (N, >=3) in the sensor frame are obstacles: (N,) bool."""
+
+
+@dataclass(frozen=True)
+class MarkovRandomField(GroundSegmenter):
+    """Ground segmentation of Postica et al. 2016 with the parameters of Itkina et al. 2019.
+
+    Args:
+        cell: side of a cell in metres.
+        reach: points with |x| or |y| beyond it (metres) take no part; for a wider grid widen it too.
+        ceiling: points above it in the sensor frame (metres) take no part.
+        max_span: largest height that the points of a ground cell may span, in metres.
+        max_rise: largest rise of a ground cell above its neighbours one ring further in, in metres.
+        sensor_height: height of the sensor above the road in metres, for an empty centre cell.
+    """
+
+    cell: float = 0.4
+    reach: float = REACH
+    ceiling: float = 3.5
+    max_span: float = 0.3
+    max_rise: float = 0.3
+    sensor_height: float = 1.73
+
+    def obstacles(self, points: NDArray[np.float32]) -> NDArray[np.bool_]:
+        """Which of the `points` (N, >=3) in the sensor frame are obstacles: (N,) bool."""
+        half = int(np.ceil(self.reach / self.cell))
+        cells, highest, lowest = _heights(points, self.cell, half, np.float32(self.reach), np.float32(self.ceiling))
+        obstacle_cell = _spread(highest, lowest, half, self.max_span, self.max_rise, -self.sensor_height)
+        return _gather(obstacle_cell.ravel(), cells)
+
+
+@dataclass(frozen=True)
+class RansacPlane(GroundSegmenter):
+    """One plane through the whole scan by random sample consensus (Fischler and Bolles 1981), for comparison.
+
+    Args:
+        distance: points within it of the plane (metres) are ground.
+        trials: planes tried, each through three random points.
+        max_tilt: steepest plane in degrees that is taken for ground; keeps facades out.
+        reach: as for the random field.
+        ceiling: as for the random field.
+        seed: of the samples; the same for every scan, so that a scan's result depends on nothing else.
+    """
+
+    distance: float = 0.2
+    trials: int = 100
+    max_tilt: float = 15.0
+    reach: float = REACH
+    ceiling: float = 3.5
+    seed: int = 0
+
+    def obstacles(self, points: NDArray[np.float32]) -> NDArray[np.bool_]:
+        """Which of the `points` (N, >=3) in the sensor frame are obstacles: (N,) bool."""
+        taken = (np.abs(points[:, :2]) <= self.reach).all(axis=1) & (points[:, 2] <= self.ceiling)
+        inside = np.ascontiguousarray(points[taken, :3])
+        if len(inside) < 3:
+            return np.zeros(len(points), np.bool_)
+        samples = inside[np.random.default_rng(self.seed).integers(len(inside), size=(self.trials, 3))].astype(float)
+        normals = np.cross(samples[:, 1] - samples[:, 0], samples[:, 2] - samples[:, 0])
+        lengths = np.linalg.norm(normals, axis=1)
+        level = np.abs(normals[:, 2]) >= np.cos(np.radians(self.max_tilt)) * lengths
+        usable = level & (lengths > 0)
+        if not usable.any():
+            return taken
+        normals = (normals[usable] / lengths[usable, None]).astype(np.float32)
+        offsets = -(normals * samples[usable, 0]).sum(axis=1).astype(np.float32)
+        best = int(np.argmax(_count_inliers(inside, normals, offsets, np.float32(self.distance))))
+        obstacle = taken.copy()
+        obstacle[taken] = np.abs(inside @ normals[best] + offsets[best]) > self.distance
+        return obstacle
+
+
+@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
+def _count_inliers(points, normals, offsets, distance):  # type: ignore[no-untyped-def]
+    """Points within `distance` of each plane."""
+    counts = np.zeros(len(normals), np.int64)
+    for k in range(len(normals)):
+        for n in range(len(points)):
+            height = points[n, 0] * normals[k, 0] + points[n, 1] * normals[k, 1] + points[n, 2] * normals[k, 2]
+            counts[k] += abs(height + offsets[k]) <= distance
+    return counts
+
+
+@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
+def _heights(points, side, half, reach, ceiling):  # type: ignore[no-untyped-def]
+    """Flat cell of each point (-1: takes no part), and the highest and lowest z of every cell."""
+    width = 2 * half + 1
+    cells = np.empty(len(points), np.int32)
+    highest = np.full(width * width, -np.inf, np.float32)
+    lowest = np.full(width * width, np.inf, np.float32)
+    for n in range(len(points)):
+        x, y, z = points[n, 0], points[n, 1], points[n, 2]
+        if abs(x) > reach or abs(y) > reach or z > ceiling:
+            cells[n] = -1
+            continue
+        c = (half + int(np.rint(x / side))) * width + half + int(np.rint(y / side))
+        cells[n] = c
+        highest[c] = max(highest[c], z)
+        lowest[c] = min(lowest[c], z)
+    return cells, highest.reshape(width, width), lowest.reshape(width, width)
+
+
+@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
+def _spread(highest, lowest, half, max_span, max_rise, empty_height):  # type: ignore[no-untyped-def]
+    """Which cells are obstacles: ground height spread over square rings from the centre cell outwards."""
+    width = 2 * half + 1
+    ground = np.empty((width, width), np.float32)
+    obstacle = np.zeros((width, width), np.bool_)
+    ground[half, half] = highest[half, half] if np.isfinite(highest[half, half]) else empty_height
+    for r in range(1, half + 1):
+        for k in range(8 * r):  # the ring's cells, side by side: each owns its first corner
+            side, along = k // (2 * r), k % (2 * r) - r
+            if side == 0:
+                di, dj = -r, along
+            elif side == 1:
+                di, dj = along, r
+            elif side == 2:
+                di, dj = r, -along
+            else:
+                di, dj = -along, -r
+            # Neighbours in the previous ring: those cells of the 8-neighbourhood with Chebyshev distance r - 1.
+            nearby = -np.inf
+            for ni in range(max(di - 1, -r + 1), min(di + 1, r - 1) + 1):
+                for nj in range(max(dj - 1, -r + 1), min(dj + 1, r - 1) + 1):
+                    if max(abs(ni), abs(nj)) == r - 1:
+                        nearby = max(nearby, ground[half + ni, half + nj])
+            i, j = half + di, half + dj
+            top = highest[i, j]
+            seen = np.isfinite(top)
+            if seen and top - lowest[i, j] < max_span and top - nearby < max_rise:
+                ground[i, j] = top
+            else:
+                ground[i, j] = nearby
+                obstacle[i, j] = seen
+    return obstacle
+
+
+@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
+def _gather(obstacle_cell, cells):  # type: ignore[no-untyped-def]
+    """The cells' verdict for every point; points that take no part are no obstacles."""
+    out = np.zeros(len(cells), np.bool_)
+    for n in range(len(cells)):
+        if cells[n] >= 0:
+            out[n] = obstacle_cell[cells[n]]
+    return out

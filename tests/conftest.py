@@ -1,0 +1,31 @@
+"""What several test files need: the real drives, where they are to be had."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+REPOSITORY = Path(__file__).resolve().parents[1]
+
+
+@pytest.fixture(scope="session")
+def shared() -> Path:
+    """The folder of real drives and reference arrays beside the checkout (or at $ENVPRED_SHARED)."""
+    folder = Path(os.environ.get("ENVPRED_SHARED", REPOSITORY.parent / "shared"))
+    if not (folder / "kitti").is_dir():
+        if os.environ.get("CI"):
+            pytest.fail(f"{folder} is not there, and CI must not skip what needs it")
+        pytest.skip(f"real drives and reference arrays are not at {folder}; set ENVPRED_SHARED to where they are")
+    return folder
+
+
+@pytest.fixture(scope="session")
+def kitti(shared: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """KITTI raw's layout with the real drives 0005 and 0013 (or the folder $ENVPRED_KITTI that already holds them)."""
+    if "ENVPRED_KITTI" in os.environ:
+        return Path(os.environ["ENVPRED_KITTI"])
+    root = tmp_path_factory.mktemp("kitti")
+    subprocess.run([sys.executable, shared / "kitti" / "unpack.py", root], check=True, stdout=subprocess.DEVNULL)
+    return root
