@@ -55,7 +55,7 @@ def test_the_static_forecast_of_a_real_drive(shared: Path) -> None:
     torch.testing.assert_close(result["mse"].mean, expected, rtol=1e-5, atol=0)
     assert (result["motion_ratio"].mean == 0).all()
     assert (result["skill"].value == 0).all()
-    assert (result["dynamic_mse"].mean > 10 * result["static_mse"].mean).all()
+    assert (result["dynamic_mse"].mean > 5 * result["static_mse"].mean).all()
     similarity = result["image_similarity"].mean
     assert similarity[0] < similarity[4] < similarity[14]
     parts = [result[f"image_similarity_{name}"].mean for name in ("occupied", "free", "unknown")]
