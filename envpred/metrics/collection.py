@@ -16,7 +16,7 @@ from envpred.metrics.skill import StaticSkill
 def forecast_metrics(horizons: int = 15, empty: Empty = "penalty") -> MetricCollection:
     """All metrics of forecasts at `horizons` steps, to be updated with (forecast, target, last, index).
 
-    `compute()` gives a dict: `mse`, `dynamic_mse`, `static_mse`, `iou`, `precision`, `recall`, `roc_auc`, `brier`,
+    `compute()` gives a dict: `mse`, `mse_dynamic_cells`, `mse_static_cells`, `iou`, `precision`, `recall`, `roc_auc`, `brier`,
     `motion_ratio`, `image_similarity` and its three classes, `ece` are `PerHorizon`; `skill` (against the static
     baseline) and `reliability` have types of their own; all have `as_json()`.  `empty` is the policy of the image
     similarity for a class that both maps lack.
@@ -24,8 +24,8 @@ def forecast_metrics(horizons: int = 15, empty: Empty = "penalty") -> MetricColl
     return MetricCollection(
         {
             "mse": HorizonMSE(horizons),
-            "dynamic_mse": DynamicMSE(horizons),
-            "static_mse": StaticMSE(horizons),
+            "mse_dynamic_cells": DynamicMSE(horizons),
+            "mse_static_cells": StaticMSE(horizons),
             "skill": StaticSkill(horizons),
             "image_similarity": ImageSimilarity(horizons, empty),
             "iou": IoU(horizons),
