@@ -16,10 +16,10 @@ from envpred.metrics.skill import StaticSkill
 def forecast_metrics(horizons: int = 15, empty: Empty = "penalty") -> MetricCollection:
     """All metrics of forecasts at `horizons` steps, to be updated with (forecast, target, last, index).
 
-    `compute()` gives a dict: `mse`, `mse_dynamic_cells`, `mse_static_cells`, `iou`, `precision`, `recall`, `roc_auc`, `brier`,
-    `motion_ratio`, `image_similarity` and its three classes, `ece` are `PerHorizon`; `skill` (against the static
-    baseline) and `reliability` have types of their own; all have `as_json()`.  `empty` is the policy of the image
-    similarity for a class that both maps lack.
+    `compute()` gives a dict: `mse`, `mse_dynamic_cells`, `mse_static_cells`, `iou`, `precision`, `recall`, `roc_auc`,
+    `brier`, `motion_ratio`, `image_similarity` and its three classes, `ece` are `PerHorizon`; `skill` (against the
+    static baseline) and `reliability` have types of their own; all have `as_json()`.  `empty` is the policy of the
+    image similarity for a class that both maps lack.
     """
     return MetricCollection(
         {
