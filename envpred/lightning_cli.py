@@ -10,9 +10,8 @@ from argparse import RawDescriptionHelpFormatter
 from pathlib import Path
 
 import torch
-from jsonargparse import DefaultHelpFormatter
+from jsonargparse import DefaultHelpFormatter, Namespace
 from lightning.pytorch.cli import LightningArgumentParser, LightningCLI
-from lightning.pytorch.loggers import TensorBoardLogger
 
 from envpred import __version__
 from envpred.callbacks import TensorBoardPictures
@@ -62,7 +61,10 @@ class EnvpredCLI(LightningCLI):
                 run = Path(checkpoint).resolve().parents[1]
                 if run.parent == (RUNS / name).resolve():
                     version = run.name
-            options.trainer.logger = TensorBoardLogger(str(RUNS), name, version, default_hp_metric=False)
+            options.trainer.logger = Namespace(
+                class_path="lightning.pytorch.loggers.TensorBoardLogger",
+                init_args=Namespace(save_dir=str(RUNS), name=name, version=version, default_hp_metric=False),
+            )
 
     def after_instantiate_classes(self) -> None:
         """The schedule is the model's; without this Lightning would warn that it goes on for 1000 epochs."""
