@@ -11,15 +11,16 @@ from envpred.errors import UserError
 from envpred.report.runs import Run
 from envpred.report.table import Table
 
+LONG = 24  # rows from which a table of the appendix is folded
 STYLE = """
 body { font: 15px/1.5 system-ui, sans-serif; max-width: 72em; margin: 2em auto; padding: 0 1em; color: #222; }
 h1, h2, h3 { line-height: 1.2; } h2 { margin-top: 2em; border-bottom: 1px solid #ccc; }
 table { border-collapse: collapse; margin: .6em 0; font-size: 14px; }
 th, td { padding: .25em .7em; border-bottom: 1px solid #ddd; text-align: left; vertical-align: top; }
-th { border-bottom: 2px solid #444; } td.number { text-align: right; white-space: nowrap; }
+th { border-bottom: 2px solid #444; } .number { text-align: right; white-space: nowrap; }
 .wide { overflow-x: auto; } .caption, figcaption { color: #555; font-size: 13px; max-width: 60em; margin: .2em 0 1em; }
 .published { background: #f4f1e8; border-left: 4px solid #e69f00; padding: .2em 1em; }
-figure { margin: 1em 0; } img { max-width: 100%; height: auto; } dt { font-weight: 600; }
+figure { margin: 1em 0; } img { max-width: 100%; height: auto; } dt, summary { font-weight: 600; }
 #models td:last-child { font: 12px ui-monospace, monospace; min-width: 22em; word-break: break-word; }
 """
 
@@ -84,7 +85,7 @@ def page(
         parts.append("<h2>Forecasts</h2>")
         parts += [picture.html() for picture in pictures]
     parts.append("<h2>Details</h2>")
-    parts += [_section(table) for table in appendix]
+    parts += [_section(table) if len(table.rows) <= LONG else _folded(table) for table in appendix]
     body = "\n".join(parts)
     return (
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
@@ -92,6 +93,10 @@ def page(
         f'<link rel="icon" href="data:,"><title>Forecast report</title><style>{STYLE}</style></head>\n'
         f"<body>\n<h1>Forecasts of occupancy, compared on the same windows</h1>\n{body}\n</body></html>\n"
     )
+
+
+def _folded(table: Table) -> str:
+    return f"<details><summary>{html.escape(table.title)}</summary>\n{table.html()}</details>"
 
 
 def _section(table: Table) -> str:

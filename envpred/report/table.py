@@ -33,6 +33,7 @@ class Cell:
     digits: int = 1
     bold: bool = False
     mark: str = ""
+    least: bool = False  # a probability: never written as zero
 
     def plain(self) -> str:
         """The cell as text, without emphasis."""
@@ -41,6 +42,9 @@ class Cell:
         if not math.isfinite(self.value):
             return MISSING
         spread = f" ± {self.error:.{self.digits}f}" if self.error is not None and math.isfinite(self.error) else ""
+        least = 10.0**-self.digits
+        if self.least and self.value < least:
+            return f"< {least:.{self.digits}f}{self.mark}"
         return f"{self.value:.{self.digits}f}{spread}{self.mark}"
 
 
@@ -108,13 +112,20 @@ class Table:
     def html(self) -> str:
         """The table as HTML, numbers to the right."""
 
-        def cell(c: Cell) -> str:
-            text = html.escape(c.plain())
-            number = ' class="number"' if c.value is not None else ""
-            return f"<td{number}>{f'<b>{text}</b>' if c.bold else text}</td>"
+        numbers = [any(row[k].value is not None for row in self.rows) for k in range(len(self.columns))]
+        head = "".join(
+            f"<th{' class=number' if number else ''}>{html.escape(title)}</th>"
+            for title, number in zip(self.columns, numbers, strict=True)
+        )
 
-        head = "".join(f"<th>{html.escape(title)}</th>" for title in self.columns)
-        rows = "\n".join("<tr>" + "".join(cell(c) for c in row) + "</tr>" for row in self.rows)
+        def cell(c: Cell, number: bool) -> str:
+            text = html.escape(c.plain())
+            return f"<td{' class=number' if number else ''}>{f'<b>{text}</b>' if c.bold else text}</td>"
+
+        rows = "\n".join(
+            "<tr>" + "".join(cell(c, number) for c, number in zip(row, numbers, strict=True)) + "</tr>"
+            for row in self.rows
+        )
         return (
             f'<div class="wide"><table id="{html.escape(self.name)}"><thead><tr>{head}</tr></thead>\n'
             f"<tbody>\n{rows}\n</tbody></table></div>\n<p class='caption'>{html.escape(self.caption)}</p>"

@@ -201,8 +201,8 @@ def pairs_table(runs: Sequence[Run], pairs: Sequence[Comparison]) -> Table:
             Cell(value=1e3 * pair.difference, digits=2),
             Cell(value=1e3 * pair.low, digits=2),
             Cell(value=1e3 * pair.high, digits=2),
-            Cell(value=pair.p, digits=4),
-            Cell(value=pair.p_holm, digits=4, bold=pair.significant(LEVEL)),
+            Cell(value=pair.p, digits=4, least=True),
+            Cell(value=pair.p_holm, digits=4, least=True, bold=pair.significant(LEVEL)),
         ]
         for pair in pairs
     ]

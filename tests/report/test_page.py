@@ -22,7 +22,7 @@ PROBE = """<script>window.addEventListener("load", () => {
   const seen = {
     images: [...document.images].map(i => [i.alt, i.complete, i.naturalWidth]),
     headings: [...document.querySelectorAll("h1,h2,h3")].map(h => h.innerText),
-    empty: [...document.querySelectorAll("td,th,dd,figcaption")].filter(e => !e.innerText.trim()).length,
+    empty: [...document.querySelectorAll("td,th,dd,figcaption")].filter(e => !e.textContent.trim()).length,
     wide: document.documentElement.scrollWidth - document.documentElement.clientWidth,
     loaded: performance.getEntriesByType("resource").map(r => r.name).filter(n => !n.startsWith("data:")),
   };
