@@ -12,6 +12,7 @@ from envpred.report.tables import (
     methods,
     methods_table,
     models_table,
+    moved_ratio_table,
     other_tables,
     pairs_table,
     published_table,
@@ -46,7 +47,8 @@ def report(runs: Sequence[Path], out: Path) -> Path:
     read = read_runs(runs)
     pictures = pictures_of(read)
     pairs = comparisons(methods(read), shown_columns(read[0]))
-    measured = [table for table in (methods_table(read, pairs), variants_table(read), ratio_table(read)) if table]
+    tables = (methods_table(read, pairs), variants_table(read), ratio_table(read), moved_ratio_table(read))
+    measured = [table for table in tables if table is not None]
     appendix = [*other_tables(read), *([pairs_table(read, pairs)] if pairs else []), models_table(read)]
     published = [published_table()]
     figures = {"error": ("Error over the horizon", error_curves(read))}

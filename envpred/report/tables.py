@@ -72,7 +72,8 @@ def error_table(name: str, title: str, values: dict[str, Measured], pairs: Seque
     for pair in pairs:
         if pair.significant(LEVEL):
             differs[frozenset((pair.first, pair.second))].add(pair.horizon)
-    best = {h: min(values, key=lambda label: _or_inf(values[label].mean[h])) for h in columns}
+    least = {h: min(_or_inf(measured.mean[h]) for measured in values.values()) for h in columns}
+    best = {h: next(label for label in values if _or_inf(values[label].mean[h]) == least[h]) for h in columns}
     rows = []
     for label, measured in values.items():
         cells = [Cell(label)]
@@ -82,7 +83,7 @@ def error_table(name: str, title: str, values: dict[str, Measured], pairs: Seque
                 Cell(
                     value=1e3 * measured.mean[h],
                     error=1e3 * measured.standard_error[h],
-                    bold=label == best[h],
+                    bold=measured.mean[h] == least[h],
                     mark=" *" if worse else "",
                 )
             )
@@ -111,7 +112,8 @@ def _error_caption(windows: int, pairs: int) -> str:
         )
         smallest = 2.0 ** (1 - windows)  # all differences of one sign
         if smallest * pairs >= LEVEL:
-            caption += f" With {windows} windows no difference can be significant: the least p is {smallest:.2g}."
+            least = min(1.0, smallest * pairs)
+            caption += f" With {windows} windows none can be significant: the least p is {smallest:.2g}, corrected {least:.2g}."
     return caption
 
 
@@ -145,30 +147,46 @@ def published_table() -> Table:
 
 def ratio_table(runs: Sequence[Run]) -> Table | None:
     """Squared error over the static baseline's on the same windows, beside that ratio of the published numbers."""
-    static = static_of(runs)
-    if static is None or static.per_window is None:
+    static, published_static = static_of(runs), counterpart(STATIC, "")
+    if static is None or published_static is None:
         return None
-    columns, horizon_s = shown_columns(runs[0]), runs[0].horizon_s
-    published_static = counterpart(STATIC, "")
     rows = []
     for run in runs:
-        assert run.mse.per_window is not None
-        score = skill(torch.from_numpy(run.mse.per_window), torch.from_numpy(static.per_window))
         theirs = counterpart(run.name, run.variant)
-        cells = [Cell(run.label)]
-        ratio, error = (1 - score.value).tolist(), score.standard_error.tolist()
-        cells += [Cell(value=ratio[h], error=error[h], digits=2) for h in columns]
-        for h in columns:
-            ours, base = (c.at(horizon_s[h]) if c else None for c in (theirs, published_static))
-            cells.append(Cell(value=ours[0] / base[0], digits=2) if ours and base else Cell())
-        rows.append(cells)
-    heads = _heads(runs[0])
+        cells = _ratios(run, static)
+        for seconds in run.horizon_s[shown_columns(run)]:
+            told, base = (curve.at(seconds) if curve else None for curve in (theirs, published_static))
+            cells.append(Cell(value=told[0] / base[0], digits=2) if told and base else Cell())
+        rows.append([Cell(run.label), *cells])
     caption = (
         "MSE over that of the static baseline (the last grid shown) on the same windows, ± standard error; below 1 is "
         f"better than static. Right, apart: the same ratio of the numbers {SOURCE}."
     )
+    heads = _heads(runs[0])
     titles = ["method", *heads, *(f"paper, {head}" for head in heads)]
     return Table("ratios", "Ratio to the static baseline, ours and the paper's", caption, titles, rows)
+
+
+def moved_ratio_table(runs: Sequence[Run]) -> Table | None:
+    """Squared error over that of the moved last frame on the same windows, None without such a run."""
+    moved = next((run for run in runs if run.name == "moved_last_frame"), None)
+    if moved is None or len(runs) == 1:
+        return None
+    rows = [[Cell(run.label), *_ratios(run, moved.mse)] for run in runs if run is not moved]
+    caption = (
+        f"MSE over that of {moved.label} on the same windows, ± standard error. A method that is not below 1 has "
+        "learned less than the vehicle's own motion."
+    )
+    return Table("moved_ratios", "Ratio to the moved last frame", caption, ["method", *_heads(runs[0])], rows)
+
+
+def _ratios(run: Run, reference: Measured) -> list[Cell]:
+    """The run's squared error over the reference's at the shown horizons: 1 - skill."""
+    assert run.mse.per_window is not None
+    assert reference.per_window is not None
+    score = skill(torch.from_numpy(run.mse.per_window), torch.from_numpy(reference.per_window))
+    ratio, error = (1 - score.value).tolist(), score.standard_error.tolist()
+    return [Cell(value=ratio[h], error=error[h], digits=2) for h in shown_columns(run)]
 
 
 def other_tables(runs: Sequence[Run]) -> list[Table]:

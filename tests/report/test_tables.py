@@ -17,6 +17,7 @@ from envpred.report.tables import (
     methods,
     methods_table,
     models_table,
+    moved_ratio_table,
     other_tables,
     pairs_table,
     published_table,
@@ -100,7 +101,7 @@ def test_few_windows_say_that_nothing_can_be_significant(make_run: MakeRun) -> N
     pairs = comparisons(methods(runs), shown_columns(runs[0]))
     table = methods_table(runs, pairs)
     assert not any(cell.mark for row in table.rows for cell in row)
-    assert "no difference can be significant: the least p is 0.12" in table.caption
+    assert "none can be significant: the least p is 0.12, corrected 1." in table.caption
 
 
 def test_static_stands_among_the_methods_once(make_run: MakeRun) -> None:
@@ -130,6 +131,22 @@ def test_ratios_beside_the_papers(all_runs: list[Path]) -> None:
     ):
         assert [cell.value for cell in by_label[label][4:]] == pytest.approx(ratios, abs=0.01)
     assert {cell.plain() for cell in by_label["moved_last_frame (prob_static)"][4:]} == {"–"}
+
+
+def test_ratios_to_the_moved_last_frame(all_runs: list[Path], make_run: MakeRun) -> None:
+    runs = read_runs(all_runs)
+    table = moved_ratio_table(runs)
+    assert table is not None
+    assert "moved_last_frame (prob_static)" not in [row[0].text for row in table.rows]
+    (moved,) = (run for run in runs if run.name == "moved_last_frame")
+    assert table.rows[0][4].value == pytest.approx(runs[0].mse.mean[14] / moved.mse.mean[14])
+    assert moved_ratio_table(read_runs([make_run()])) is None
+
+
+def test_ties_are_both_best(make_run: MakeRun) -> None:
+    table = variants_table(read_runs([make_run(level=0.05), make_run("prednet", "prob_static", level=0.05)]))
+    assert table is not None
+    assert all(cell.bold for row in table.rows for cell in row[1:])
 
 
 def test_published_numbers_are_the_papers() -> None:
