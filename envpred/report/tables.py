@@ -113,7 +113,7 @@ def _error_caption(windows: int, pairs: int) -> str:
         smallest = 2.0 ** (1 - windows)  # all differences of one sign
         if smallest * pairs >= LEVEL:
             least = min(1.0, smallest * pairs)
-            caption += f" With {windows} windows none can be significant: the least p is {smallest:.2g}, corrected {least:.2g}."
+            caption += f" With {windows} windows none can be: the least p is {smallest:.2g}, corrected {least:.2g}."
     return caption
 
 
