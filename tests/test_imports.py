@@ -17,7 +17,7 @@ ALLOWED = {
     "drives": {"drives", "mapping.geometry", "errors"},
     "store": {"errors", "__version__"},
     "datamodules": {"datamodules", "store", "mapping", "errors"},
-    "plots": {"mapping.geometry", "results"},
+    "plots": {"mapping", "results"},
     "results": {"models", "__version__"},  # names alone, for types
     "build": {"drives", "mapping", "store", "errors"},
     "models": {"models", "networks", "datamodules", "metrics", "results", "errors"},
