@@ -35,7 +35,7 @@ def movers(
     occupancy: NDArray[np.floating],
     centre_cell: NDArray[np.integer],
     frame: int,
-    count: int = 3,
+    count: int = 2,
     back: int = 5,
     cells: tuple[int, int] = (4, 120),
 ) -> list[Mover]:
