@@ -6,7 +6,7 @@ any kind of colour vision tell apart.
 """
 
 import io
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -16,12 +16,16 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
+from matplotlib.patches import Circle
 from numpy.typing import NDArray
 from PIL import Image
 
 from envpred.mapping.evidence import pignistic
 from envpred.mapping.geometry import EGO, FREE, OCCUPIED, UNKNOWN, GridSpec
+from envpred.movers import Mover
 from envpred.results import PERIOD, horizon_name
+
+EGO_CIRCLE = 3.5  # m; the ego's body and a little more
 
 Grid = NDArray[np.floating] | NDArray[np.uint8]
 
@@ -188,3 +192,57 @@ def ground_comparison(points: NDArray[np.float32], verdicts: dict[str, NDArray[n
         ax.legend(loc="upper right", fontsize=7)
     axes[0].set_ylabel("left (m)")
     return fig
+
+
+def comparison_strip(
+    target: Grid,
+    forecasts: Mapping[str, Grid],
+    horizons: Sequence[int],
+    pictures: Sequence[NDArray[np.uint8] | None] = (),
+    circled: Sequence[Sequence[Mover]] = (),
+    title: str = "",
+) -> Figure:
+    """The paper's results figure: camera, target and each method's forecast at some `horizons` (1 is the first).
+
+    Args:
+        target: (N, H, W).
+        forecasts: (N, H, W) by method.
+        horizons: the columns.
+        pictures: of the camera, (h, w) or (h, w, 3), one a column or None where the drive has none.
+        circled: what to point at in each column, in vermilion; the ego, at the centre, always is, in blue.
+        title: of the whole.
+    """
+    shown = [h for h in horizons if h <= len(target)]
+    camera = any(picture is not None for picture in pictures)
+    grids = {"target": target, **forecasts}
+    fig = figure(2.4 * len(shown) + 1.0, 2.3 * len(grids) + (1.1 if camera else 0.3))
+    heights = [0.45] * camera + [1.0] * len(grids)
+    axes = fig.subplots(len(heights), len(shown), squeeze=False, height_ratios=heights)
+    for column, h in enumerate(shown):
+        axes[0, column].set_title(horizon_name(h))
+        if camera:
+            axes[0, column].set_axis_off()
+            picture = pictures[column] if column < len(pictures) else None
+            if picture is not None:
+                axes[0, column].imshow(picture, cmap="gray")
+        marks = circled[column] if column < len(circled) else ()
+        for ax, (name, grid) in zip(axes[camera:, column], grids.items(), strict=True):
+            black = draw_grid(ax, grid[h - 1], cmap="gray_r", vmin=0, vmax=1)
+            _point_at(ax, marks, grid.shape[1] // 2)
+            ax.tick_params(labelsize=7)
+            error = "" if name == "target" else f"MSE {np.mean((grid[h - 1] - target[h - 1]) ** 2):.4f}"
+            ax.set_xlabel(f"{error}\neast (m)" if ax is axes[-1, column] else error, fontsize=8)
+            if column == 0:
+                ax.set_ylabel(f"{name}\nnorth (m)", fontsize=8)
+    fig.colorbar(black, ax=axes[camera:], label="probability of occupied", shrink=0.6)
+    fig.suptitle(title, fontsize=10)
+    return fig
+
+
+def _point_at(ax: Axes, marks: Sequence[Mover], half: int, resolution: float = GridSpec().resolution) -> None:
+    """Circle the ego, at the centre, and `marks`, in cells of a grid whose centre cell is `half`."""
+    ax.autoscale(False)
+    ax.add_patch(Circle((0, 0), EGO_CIRCLE, fill=False, color=SKY, linewidth=1.3))
+    for mark in marks:
+        centre = ((mark.i - half) * resolution, (mark.j - half) * resolution)
+        ax.add_patch(Circle(centre, mark.radius * resolution, fill=False, color=VERMILION, linewidth=1.3))
