@@ -34,7 +34,7 @@ LABEL_NAMES = {UNKNOWN: "unknown", OCCUPIED: "occupied", FREE: "free", EGO: "ego
 ORANGE, SKY, GREEN, VERMILION, GREY = "#e69f00", "#56b4e9", "#009e73", "#d55e00", "#999999"
 
 
-def figure(width: float, height: float, layout: Literal["constrained", "none"] = "constrained") -> Figure:
+def figure(width: float, height: float, layout: Literal["constrained"] | None = "constrained") -> Figure:
     """A figure of `width` x `height` inches that needs no screen and no global state."""
     fig = Figure(figsize=(width, height), layout=layout)
     FigureCanvasAgg(fig)
@@ -72,7 +72,7 @@ def forecast_strip(target: Grid, forecast: Grid, horizons: Sequence[int], title:
     shown = [h for h in horizons if h <= len(target)]
     # Placed by hand: matplotlib's automatic layout takes seconds for that many panels, and training waits for them.
     width, height = 2.1 * len(shown) + 1.9, 7.0
-    fig = figure(width, height, layout="none")
+    fig = figure(width, height, layout=None)
     axes = fig.subplots(3, len(shown), sharex=True, sharey=True, squeeze=False)
     fig.subplots_adjust(0.8 / width, 0.75 / height, 1 - 1.0 / width, 1 - 0.65 / height, 0.08, 0.12)
     for column, h in enumerate(shown):
@@ -84,8 +84,8 @@ def forecast_strip(target: Grid, forecast: Grid, horizons: Sequence[int], title:
         axes[2, column].set_xlabel(f"east (m)\nMSE {np.mean((guess - truth) ** 2):.4f}", fontsize=8)
     for row, name in enumerate(("target", "forecast", "forecast - target")):
         axes[row, 0].set_ylabel(f"{name}\nnorth (m)", fontsize=8)
-    for image, row, name in ((black, slice(0, 2), "probability of occupied"), (error, slice(2, 3), "error")):
-        top, bottom = axes[row, -1][0].get_position(), axes[row, -1][-1].get_position()
+    for image, first, last, name in ((black, 0, 1, "probability of occupied"), (error, 2, 2, "error")):
+        top, bottom = axes[first, -1].get_position(), axes[last, -1].get_position()
         place = (top.x1 + 0.15 / width, bottom.y0, 0.14 / width, top.y1 - bottom.y0)
         fig.colorbar(image, cax=fig.add_axes(place), label=name)
     fig.suptitle(title, fontsize=10)
