@@ -1,7 +1,7 @@
 """Which frames of which drives train, validate and test: presets, and lists of drives with an optional range.
 
-A selection is a drive's name, or `name@start-stop` for the frames at positions start to stop - 1 of it; either end may be
-left out.
+A selection is a drive's name, or `name@start-stop` for the frames at positions start to stop - 1 of it; either end may
+be left out.
 """
 
 from dataclasses import dataclass

@@ -81,7 +81,7 @@ class OdometryDrive(Drive):
     def _times(self) -> FloatArray:
         file = self.folder / "times.txt"
         if not file.is_file():
-            return 0.1 * np.arange(len(self._body_poses))
+            return np.arange(len(self._body_poses), dtype=np.float64) * 0.1
         times: FloatArray = np.loadtxt(file, ndmin=1)
         if len(times) < len(self._body_poses):
             raise UserError(f"{file}: {len(times)} times for {len(self._body_poses)} poses; copy it again")
