@@ -1,34 +1,41 @@
 """How well the particle filter's velocities and its moving/standing decision agree with boxes of tracked objects.
 
-    python benchmarks/velocity_truth.py 2011_09_26/2011_09_26_drive_0005_sync --particles 20000 200000 2000000
+    python -m benchmarks.velocity_truth 2011_09_26_drive_0005_sync --view 80 --particles 20000 200000 2000000
 
 Works on drives in KITTI raw's layout with a `tracklet_labels.xml`, real or simulated.  Truth is the motion of the
 boxes' centres in the world (central differences); a cell's truth is that of the box it lies in.
 """
 
 import argparse
+import itertools
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from benchmarks.timing import print_table
 from envpred.drives.drive import Drive
 from envpred.drives.kitti import KittiDrive
 from envpred.errors import UserError
 from envpred.mapping import evidence
-from envpred.mapping.dogma import DogmaParameters, is_moving, run
+from envpred.mapping.dogma import Dogma, DogmaParameters, is_moving, run
 from envpred.mapping.geometry import OCCUPIED, FloatArray, GridSpec, heading_of, transform
 from envpred.mapping.ground import MarkovRandomField
 from envpred.mapping.label_grid import RayCasting
-from envpred.mapping.particle_state import ParticleFilterParameters
+from envpred.mapping.particle_state import GROUND, ParticleFilterParameters
 
 MOVING = 1.0  # m/s: what an object must do to count as moving
 FASTEST = 12.0  # m/s: the promise is about movers up to here
 IN_VIEW = 10  # frames that a cell's object must have been in view
+SETTINGS = {
+    "ground": GROUND,
+    "ground, numbers of the paper": ParticleFilterParameters(frame="ground"),
+    "ego, numbers of the paper": ParticleFilterParameters(),
+}
 
 
 @dataclass(frozen=True)
@@ -128,67 +135,62 @@ def rasterise(
 
 @dataclass(frozen=True)
 class Score:
-    """Medians over moving cells, and how the moving/standing decision does over all occupied cells."""
+    """Of moving objects' cells: track, true and found velocity (2, N); of all occupied ones: decided and true motion."""
 
-    cells: int
-    velocity_error: float
-    heading_error: float
-    precision: float
-    recall: float
-    tracks: dict[int, tuple[int, float, float, float, float]]
+    track: NDArray[np.int32]
+    true: NDArray[np.float32]
+    found: NDArray[np.float32]
+    decided: NDArray[np.bool_]
+    moves: NDArray[np.bool_]
+
+    def row(self, of: NDArray[np.bool_] | slice = slice(None)) -> tuple[str, ...]:
+        """Cells, median true and found speed, median |velocity error| (m/s), median heading error (degrees)."""
+        true, found = self.true[:, of], self.found[:, of]
+        angle = np.arctan2(found[0] * true[1] - found[1] * true[0], (found * true).sum(0))
+        medians = (
+            np.median(values)
+            for values in (np.hypot(*true), np.hypot(*found), np.hypot(*(found - true)), np.degrees(abs(angle)))
+        )
+        return (str(true.shape[1]), *(f"{value:.2f}" for value in medians))
+
+    def decision(self) -> tuple[str, str]:
+        """Precision and recall of "this cell moves"."""
+        hits = (self.decided & self.moves).sum()
+        return f"{hits / max(self.decided.sum(), 1):.2f}", f"{hits / max(self.moves.sum(), 1):.2f}"
 
 
-def score(
-    velocity: NDArray[np.float16],
-    covariance: NDArray[np.float16],
-    truth: list[Truth],
-    grids: Grids,
-    ego_velocity: FloatArray,
-    parameters: DogmaParameters,
-) -> Score:
+def score(dogma: Dogma, truth: list[Truth], grids: Grids, ego_velocity: FloatArray, tau: float) -> Score:
     """Compare the filter's output with `truth`; velocities are relative to `ego_velocity` (T, 2)."""
-    moving = is_moving(torch.from_numpy(velocity), torch.from_numpy(covariance), parameters.tau).numpy()
-    errors, headings, speeds, tracks, decided, true = [], [], [], [], [], []
-    for t, now in enumerate(truth):
-        known = (grids.labels[t] == OCCUPIED) & (covariance[t, 0] > 0) & (t >= IN_VIEW)
+    moving = is_moving(torch.from_numpy(dogma.velocity), torch.from_numpy(dogma.covariance), tau).numpy()
+    parts = []
+    for t in range(IN_VIEW, len(truth)):
+        now = truth[t]
+        known = (grids.labels[t] == OCCUPIED) & (dogma.covariance[t, 0] > 0)
         actual = now.velocity - ego_velocity[t][:, None, None]
         speed = np.hypot(*now.velocity)
-        decided.append(moving[t][known & now.annotated])
-        true.append(np.hypot(*actual)[known & now.annotated] > MOVING)
-        chosen = known & (now.box >= 0) & (speed > MOVING) & (speed <= FASTEST) & (now.in_view >= IN_VIEW)
-        error = velocity[t].astype(np.float32) - actual
-        found = velocity[t].astype(np.float32)
-        cross = found[0] * actual[1] - found[1] * actual[0]
-        dot = found[0] * actual[0] + found[1] * actual[1]
-        errors.append(np.hypot(*error)[chosen])
-        headings.append(np.degrees(np.abs(np.arctan2(cross, dot)))[chosen])
-        speeds.append(np.stack((np.hypot(*actual)[chosen], np.hypot(*found)[chosen])))
-        tracks.append(now.box[chosen])
-    e, h, s, k = np.concatenate(errors), np.concatenate(headings), np.concatenate(speeds, 1), np.concatenate(tracks)
-    d, a = np.concatenate(decided), np.concatenate(true)
-    per_track = {
-        int(n): (
-            int((k == n).sum()),
-            float(np.median(s[0, k == n])),
-            float(np.median(s[1, k == n])),
-            float(np.median(e[k == n])),
-            float(np.median(h[k == n])),
+        chosen = known & (speed > MOVING) & (speed <= FASTEST) & (now.in_view >= IN_VIEW)
+        found = dogma.velocity[t].astype(np.float32)
+        judged = known & now.annotated
+        parts.append(
+            (
+                now.box[chosen],
+                actual[:, chosen],
+                found[:, chosen],
+                moving[t][judged],
+                np.hypot(*actual)[judged] > MOVING,
+            )
         )
-        for n in np.unique(k)
-    }
-    return Score(
-        len(e), float(np.median(e)), float(np.median(h)), (d & a).sum() / d.sum(), (d & a).sum() / a.sum(), per_track
-    )
+    return Score(*(np.concatenate(part, axis=-1) for part in zip(*parts, strict=True)))
 
 
 def main() -> None:
-    """Print one row per frame of reference and particle count."""
+    """Print one row per drive, frame of reference and particle count."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
     parser.add_argument(
         "drive", type=Path, nargs="+", help="folder <date>_drive_<number>_sync with tracklet_labels.xml"
     )
     parser.add_argument("--particles", type=int, nargs="+", default=[200_000])
-    parser.add_argument("--frames", nargs="+", default=["ground", "ego"])
+    parser.add_argument("--frames", nargs="+", choices=SETTINGS, default=list(SETTINGS))
     parser.add_argument(
         "--view", type=float, default=360.0, help="degrees ahead in which objects have boxes (KITTI: 80)"
     )
@@ -196,10 +198,8 @@ def main() -> None:
     parser.add_argument("--tracks", action="store_true", help="also one row per object")
     options = parser.parse_args()
     grid = GridSpec()
-    print(
-        f"{'drive':24} {'frame':7} {'particles':>9} {'cells':>6} {'|error| m/s':>11} "
-        f"{'heading deg':>11} precision recall"
-    )
+    rows: list[tuple[str, ...]] = []
+    everything: dict[tuple[str, int], list[Score]] = {}
     for folder in options.drive:
         drive = KittiDrive(folder)
         grids = map_drive(drive, grid)
@@ -207,24 +207,24 @@ def main() -> None:
         times = [drive.time(k) for k in drive.frames]
         ego_velocity = np.stack([np.gradient(drive.poses[:, axis, 3], times) for axis in (0, 1)], 1)
         measured = evidence.measured(grids.labels)
-        for frame in options.frames:
-            for count in options.particles:
-                parameters = DogmaParameters(
-                    replace(ParticleFilterParameters(), persistent=count, births=count // 10, frame=frame)
-                )
-                dogma = run(measured, grids.centre_cell, parameters, grid, options.seed)
-                relative_to = ego_velocity if frame == "ego" else np.zeros_like(ego_velocity)
-                result = score(dogma.velocity, dogma.covariance, truth, grids, relative_to, parameters)
-                print(
-                    f"{drive.name:24.24} {frame:7} {count:9d} {result.cells:6d} {result.velocity_error:11.2f} "
-                    f"{result.heading_error:11.1f} {result.precision:9.2f} {result.recall:6.2f}"
-                )
-                if options.tracks:
-                    for track, (cells, true, found, error, heading) in result.tracks.items():
-                        print(
-                            f"  object {track:3d}: {cells:6d} cells, true {true:5.2f} m/s, found {found:5.2f} m/s, "
-                            f"|error| {error:5.2f} m/s, heading {heading:5.1f} deg"
-                        )
+        for name, count in itertools.product(options.frames, options.particles):
+            parameters = DogmaParameters(replace(SETTINGS[name], persistent=count, births=count // 10))
+            dogma = run(measured, grids.centre_cell, parameters, grid, options.seed)
+            relative_to = ego_velocity if parameters.filter.frame == "ego" else 0 * ego_velocity
+            result = score(dogma, truth, grids, relative_to, parameters.tau)
+            everything.setdefault((name, count), []).append(result)
+            rows.append((drive.name, name, f"{count:.0e}", *result.row(), *result.decision()))
+            if options.tracks:
+                for track in np.unique(result.track):
+                    rows.append((f"  object {track}", "", "", *result.row(result.track == track), "", ""))
+    if len(options.drive) > 1:
+        for (name, count), scores in everything.items():
+            merged = Score(
+                *(np.concatenate([getattr(s, field.name) for s in scores], axis=-1) for field in fields(Score))
+            )
+            rows.append(("all", name, f"{count:.0e}", *merged.row(), *merged.decision()))
+    header = ("drive", "frame", "particles", "cells", "true m/s", "found m/s", "|error| m/s", "heading deg")
+    print_table((*header, "precision", "recall"), rows)
 
 
 if __name__ == "__main__":

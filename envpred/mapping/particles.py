@@ -165,10 +165,11 @@ def give_birth(born: Tensor, parameters: ParticleFilterParameters, generator: to
 def moments(particles: Particles, cells: int) -> tuple[Tensor, Tensor]:
     """Mean velocity (2, H, W) and covariance (3, H, W) of the particles of each cell, which weigh the same."""
     last = particles.count.cumsum(0) - 1
-    x, y = particles.velocity.double()  # differences of sums over all particles follow
+    x, y = particles.velocity
 
     def mean(value: Tensor) -> Tensor:
-        until = value.cumsum(0).index_select(0, last.clamp(min=0)) * (last >= 0)
+        # In double precision, as differences of sums over all particles follow.
+        until = value.cumsum(0, dtype=torch.float64).index_select(0, last.clamp(min=0)) * (last >= 0)
         return without_rim(until.diff(prepend=until.new_zeros(1)) / particles.count.clamp(min=1), cells)
 
     mean_x, mean_y = mean(x), mean(y)
