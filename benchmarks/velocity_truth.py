@@ -135,7 +135,7 @@ def rasterise(
 
 @dataclass(frozen=True)
 class Score:
-    """Of moving objects' cells: track, true and found velocity (2, N); of all occupied ones: decided and true motion."""
+    """Of moving objects' cells: track, true and found velocity (2, N); of all occupied: decided and true motion."""
 
     track: NDArray[np.int32]
     true: NDArray[np.float32]
