@@ -272,6 +272,15 @@ class TestInvariants:
                 inside = 0 <= i + east < 8 and 0 <= j + north < 8
                 assert moved[i, j] == (field[i + east, j + north] if inside else 0)
 
+    @pytest.mark.parametrize("frame", ["ego", "ground"])
+    def test_free_mass_stays_in_its_place_and_ages(self, frame: Frame) -> None:
+        free = torch.zeros(2, 8, 8)
+        free[1, 5, 5] = 0.95
+        parameters = replace(SMALL, frame=frame)
+        _, dogma = follow([free, torch.zeros(2, 8, 8)], (1, 2), parameters)[-1]
+        assert dogma.mass[1].nonzero().tolist() == [[4, 3]]
+        assert dogma.mass[1, 4, 3].item() == pytest.approx(0.95 * 0.9)
+
     def test_cells_and_rim(self) -> None:
         position = torch.tensor([[0.0, 7.999, 3.5, -0.001, 8.0, 500.0], [0.0, 7.999, 4.5, 3.0, 3.0, -500.0]])
         count = torch.bincount(cell_number(position, 8), minlength=100)
