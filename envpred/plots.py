@@ -8,7 +8,7 @@ any kind of colour vision tell apart.
 import io
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -34,9 +34,9 @@ LABEL_NAMES = {UNKNOWN: "unknown", OCCUPIED: "occupied", FREE: "free", EGO: "ego
 ORANGE, SKY, GREEN, VERMILION, GREY = "#e69f00", "#56b4e9", "#009e73", "#d55e00", "#999999"
 
 
-def figure(width: float, height: float) -> Figure:
+def figure(width: float, height: float, layout: Literal["constrained"] | None = "constrained") -> Figure:
     """A figure of `width` x `height` inches that needs no screen and no global state."""
-    fig = Figure(figsize=(width, height), layout="constrained")
+    fig = Figure(figsize=(width, height), layout=layout)
     FigureCanvasAgg(fig)
     return fig
 
@@ -70,19 +70,24 @@ def draw_labels(ax: Axes, labels: NDArray[np.uint8], resolution: float = GridSpe
 def forecast_strip(target: Grid, forecast: Grid, horizons: Sequence[int], title: str = "") -> Figure:
     """Targets over forecasts over their error at some `horizons` (1 is the first), each (N, H, W)."""
     shown = [h for h in horizons if h <= len(target)]
-    fig = figure(2.2 * len(shown) + 1.0, 6.6)
+    # Placed by hand: matplotlib's automatic layout takes seconds for that many panels, and training waits for them.
+    width, height = 2.1 * len(shown) + 1.9, 7.0
+    fig = figure(width, height, layout=None)
     axes = fig.subplots(3, len(shown), sharex=True, sharey=True, squeeze=False)
+    fig.subplots_adjust(0.8 / width, 0.75 / height, 1 - 1.0 / width, 1 - 0.65 / height, 0.08, 0.12)
     for column, h in enumerate(shown):
         truth, guess = target[h - 1], forecast[h - 1]
         black = draw_grid(axes[0, column], truth, cmap="gray_r", vmin=0, vmax=1)
         draw_grid(axes[1, column], guess, cmap="gray_r", vmin=0, vmax=1)
         error = draw_grid(axes[2, column], guess - truth, cmap="PuOr", vmin=-1, vmax=1)
         axes[0, column].set_title(f"{horizon_name(h)}")
-        axes[2, column].set_xlabel(f"MSE {np.mean((guess - truth) ** 2):.4f}\neast (m)", fontsize=8)
+        axes[2, column].set_xlabel(f"east (m)\nMSE {np.mean((guess - truth) ** 2):.4f}", fontsize=8)
     for row, name in enumerate(("target", "forecast", "forecast - target")):
         axes[row, 0].set_ylabel(f"{name}\nnorth (m)", fontsize=8)
-    fig.colorbar(black, ax=axes[:2], label="probability of occupied", shrink=0.7)
-    fig.colorbar(error, ax=axes[2], label="error", shrink=0.9)
+    for image, first, last, name in ((black, 0, 1, "probability of occupied"), (error, 2, 2, "error")):
+        top, bottom = axes[first, -1].get_position(), axes[last, -1].get_position()
+        place = (top.x1 + 0.15 / width, bottom.y0, 0.14 / width, top.y1 - bottom.y0)
+        fig.colorbar(image, cax=fig.add_axes(place), label=name)
     fig.suptitle(title, fontsize=10)
     return fig
 

@@ -100,6 +100,16 @@ class GridDataModule(LightningDataModule):
     def predict_dataloader(self) -> DataLoader[Window]:
         return self._loader(self.datasets["test"])
 
+    def training_mean(self, windows: int = 50) -> float:
+        """Mean probability of occupied over training windows in order, at most so many, spread evenly.
+
+        Raises:
+            UserError: if the split leaves no drive to train.
+        """
+        data = WindowDataset(self._places("train"), self.view, self.length)
+        chosen = np.unique(np.linspace(0, len(data) - 1, windows).round().astype(int))
+        return float(np.mean([data[int(k)]["occupancy"].mean() for k in chosen]))
+
     def describe(self, part: str) -> dict[str, Any]:
         """What a result was measured on: split, drives, windows and a hash of their content."""
         manifests = {s.drive.name: s.drive.manifest["arrays"] for s in self.stretches[part]}
