@@ -57,9 +57,8 @@ def failure(args: list[str], capsys: pytest.CaptureFixture[str]) -> str:
 @pytest.mark.parametrize("data", DATA, ids=lambda path: path.stem)
 @pytest.mark.parametrize("model", MODELS, ids=lambda path: path.stem)
 def test_every_configuration_fits_tests_and_predicts(model: Path, data: Path, store: Path) -> None:
-    args = configured(
-        model, data, store, "--data.samples=1", "--data.batch_size=1", "--data.val=[b@-20]", "--data.test=[c@-20]"
-    )
+    one_window = ["--data.samples=1", "--data.batch_size=1", "--data.val=[b@-20]", "--data.test=[c@-20]"]
+    args = configured(model, data, store, *one_window)
     trains = "epochs" in model.read_text()
     if trains:
         main(["fit", *args, "--trainer.max_epochs=1"])

@@ -92,5 +92,5 @@ def test_fcn_trains_and_forecasts(store: Path, tmp_path: Path) -> None:
         model.forecast({"frames": other}, 3),  # type: ignore[typeddict-item]
         model.forecast({"frames": frames}, 3),  # type: ignore[typeddict-item]
     )
-    with pytest.raises(UserError, match="--model.horizons 4"):
+    with pytest.raises(UserError, match=r"--model\.horizons 4"):
         trainer(tmp_path).test(FCNForecaster(given=3, horizons=4, width=0.05), datamodule=grids(store), verbose=False)
