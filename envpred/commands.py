@@ -51,11 +51,11 @@ def grids(
 def verify(store: Path) -> None:
     """Read a store's grids and compare their checksums.
 
-    Raises:
-        UserError: naming every damaged drive.
-
     Args:
         store: folder that `envpred grids` wrote.
+
+    Raises:
+        UserError: naming every damaged drive.
     """
     found = Store(store)
     failures = []

@@ -83,7 +83,8 @@ class GridDataModule(LightningDataModule):
         for part in needed:
             if part not in self.datasets:
                 self.datasets[part] = WindowDataset(self._places(part), self.view, self.length)
-                drives = ", ".join(str(stretch) for stretch in self.stretches[part])
+                names = [str(stretch) for stretch in self.stretches[part]]
+                drives = ", ".join(names) if len(names) <= 8 else f"{len(names)} drives, {names[0]} to {names[-1]}"
                 rank_zero_info(f"{part}: {len(self.datasets[part])} windows of {drives}")
 
     def train_dataloader(self) -> DataLoader[Window]:
@@ -112,10 +113,14 @@ class GridDataModule(LightningDataModule):
 
     def describe(self, part: str) -> dict[str, Any]:
         """What a result was measured on: split, drives, windows and a hash of their content."""
-        manifests = {s.drive.name: s.drive.manifest["arrays"] for s in self.stretches[part]}
+        arrays = sorted({*self.view.arrays, "evidence"})
+        checksums = {
+            stretch.drive.name: [stretch.drive.manifest["arrays"][name]["checksum"] for name in arrays]
+            for stretch in self.stretches[part]
+        }
         return {
             "store": self.store.name,
-            "store_hash": digest(manifests),
+            "store_hash": digest(checksums),
             "variant": self.variant,
             "split": "custom" if any(self.selections.values()) else self.split,
             "part": part,
