@@ -52,7 +52,7 @@ class KittiDrive(Drive):
         try:
             calibration = pykitti.utils.read_calib_file(file)
             rotation, translation = calibration["R"].reshape(3, 3), calibration["T"].reshape(3)
-            if not (abs(np.linalg.det(rotation) - 1) < 1e-3 and np.isfinite(translation).all()):
+            if not (np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-3) and np.isfinite(translation).all()):
                 raise ValueError
         except OSError:
             raise UserError(
