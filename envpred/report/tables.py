@@ -78,7 +78,7 @@ def error_table(name: str, title: str, values: dict[str, Measured], pairs: Seque
     for label, measured in values.items():
         cells = [Cell(label)]
         for h in columns:
-            worse = label != best[h] and h in differs.get(frozenset((label, best[h])), ())
+            worse = h in differs.get(frozenset((label, best[h])), ())
             cells.append(
                 Cell(
                     value=1e3 * measured.mean[h],
