@@ -1,6 +1,7 @@
 """What every reader gives: a drive's names, times, poses and scans, read when they are asked for."""
 
 import importlib
+import itertools
 import pkgutil
 from abc import ABC, abstractmethod
 from functools import cached_property
@@ -63,7 +64,7 @@ class Drive(ABC):
         """Stretches without a gap, as (first, length) in positions of `frames`."""
         breaks = np.flatnonzero(np.diff(self.frames) != 1) + 1
         edges = [0, *breaks.tolist(), len(self.frames)]
-        return [(a, b - a) for a, b in zip(edges[:-1], edges[1:], strict=True) if b > a]
+        return [(a, b - a) for a, b in itertools.pairwise(edges) if b > a]
 
 
 def find_drives(root: Path | str) -> list[Drive]:
@@ -102,7 +103,9 @@ def read_points(file: Path) -> NDArray[np.float32]:
         if size == 0:
             raise UserError(f"{file}: an empty scan; {remedy}")
         if size % 16:
-            raise UserError(f"{file}: {size} bytes are no whole number of points of 16 bytes, so it is cut short; {remedy}")
+            raise UserError(
+                f"{file}: {size} bytes are no whole number of points of 16 bytes, so it is cut short; {remedy}"
+            )
         points = np.fromfile(file, np.float32).reshape(-1, 4)
     except OSError as error:
         raise UserError(f"{file}: cannot be read ({error.strerror}); {remedy}") from None

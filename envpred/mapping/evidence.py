@@ -1,4 +1,4 @@
-"""Evidential occupancy grids: Dempster-Shafer masses over {occupied, free}, accumulated over a drive (Nuss et al. 2015).
+"""Evidential occupancy grids: Dempster-Shafer masses of occupied and free, accumulated over a drive (Nuss et al. 2015).
 
 A cell carries m(O) and m(F); what is left, 1 - m(O) - m(F), is ignorance.  Channel order: (occupied, free).
 """
@@ -108,7 +108,5 @@ def _fuse(posterior, prior, label, shift_i, shift_j, table, alpha):  # type: ign
             # Dempster's rule of combination; K is the mass in conflict.
             conflict = free * seen_occupied + occupied * seen_free
             agree = one / (one - conflict)
-            posterior[0, i, j] = agree * (
-                occupied * seen_unknown + unknown * seen_occupied + occupied * seen_occupied
-            )
+            posterior[0, i, j] = agree * (occupied * seen_unknown + unknown * seen_occupied + occupied * seen_occupied)
             posterior[1, i, j] = agree * (free * seen_unknown + unknown * seen_free + free * seen_free)

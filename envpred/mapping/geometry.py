@@ -19,8 +19,8 @@ UNKNOWN, OCCUPIED, FREE, EGO = 0, 1, 2, 3
 class GridSpec:
     """A square grid of `cells` x `cells` cells of `resolution` metres, first axis east, second north.
 
-    All grids of a drive are cut from one lattice whose cell (i, j) is centred on `origin + resolution * (i, j)`, so that
-    between frames a grid moves by whole cells.
+    All grids of a drive are cut from one lattice whose cell (i, j) is centred on `origin + resolution * (i, j)`, so
+    that between frames a grid moves by whole cells.
     """
 
     cells: int = 128
@@ -54,7 +54,7 @@ class GridSpec:
         return np.floor(self.in_cells(positions, origin) + 0.5).astype(np.int32)
 
     def in_cells(self, positions: FloatArray, origin: FloatArray) -> FloatArray:
-        """World `positions` (..., >=2) in units of cells from the lattice's origin; cell (i, j) is centred on (i, j)."""
+        """World `positions` (..., >=2) in cells from the lattice's origin; cell (i, j) is centred on (i, j)."""
         return (np.asarray(positions, np.float64)[..., :2] - origin) / self.resolution
 
 
@@ -65,5 +65,5 @@ def transform(points: NDArray[np.floating], pose: FloatArray) -> FloatArray:
 
 
 def heading_of(poses: FloatArray) -> FloatArray:
-    """Heading (...,) in radians, counter-clockwise from east, of `poses` (..., 4, 4) of a body whose x axis is forward."""
+    """Heading (...,) in radians, counter-clockwise from east, of `poses` (..., 4, 4) with x forward."""
     return np.arctan2(poses[..., 1, 0], poses[..., 0, 0])

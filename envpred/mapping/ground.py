@@ -1,12 +1,12 @@
-"""Ground segmentation by a Markov random field over a square grid (Postica, Romanoni, Matteucci 2016).
+"""Ground segmentation: the Markov random field of Postica, Romanoni and Matteucci (2016), and a RANSAC plane beside it.
 
-The height of the ground spreads from the vehicle outwards, ring by ring: a cell is ground if its points span little
-height and do not rise far above the ground next to it one ring further in.  As every cell depends only on the ring
-inside its own, one pass is exact and nothing is iterated.
+In the random field the height of the ground spreads from the vehicle outwards, ring by ring: a cell is ground if its
+points span little height and do not rise far above the ground next to it one ring further in.  As every cell depends
+only on the ring inside its own, one pass is exact and nothing is iterated.
 """
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numba import njit
@@ -14,22 +14,25 @@ from numpy.typing import NDArray
 
 from envpred.mapping.geometry import GridSpec
 
+# sqrt(2) (side / 2 + 1 m): whatever the ego's heading, points that far cover the grid.
+REACH = float(np.sqrt(2) * (GridSpec().side / 2 + 1.0))
 
-class GroundSegmenter(Protocol):
+
+class GroundSegmenter(ABC):
     """Anything that tells obstacle points from ground."""
 
+    @abstractmethod
     def obstacles(self, points: NDArray[np.float32]) -> NDArray[np.bool_]:
         """Which of the `points` (N, >=3) in the sensor frame are obstacles: (N,) bool."""
-        ...
 
 
 @dataclass(frozen=True)
-class MarkovRandomField:
+class MarkovRandomField(GroundSegmenter):
     """Ground segmentation of Postica et al. 2016 with the parameters of Itkina et al. 2019.
 
     Args:
         cell: side of a cell in metres.
-        reach: points with |x| or |y| beyond it (metres) take no part; by default sqrt(2) (side/2 + 1 m) of the grid.
+        reach: points with |x| or |y| beyond it (metres) take no part; for a wider grid widen it too.
         ceiling: points above it in the sensor frame (metres) take no part.
         max_span: largest height that the points of a ground cell may span, in metres.
         max_rise: largest rise of a ground cell above its neighbours one ring further in, in metres.
@@ -37,7 +40,7 @@ class MarkovRandomField:
     """
 
     cell: float = 0.4
-    reach: float = float(np.sqrt(2) * (GridSpec().side / 2 + 1.0))
+    reach: float = REACH
     ceiling: float = 3.5
     max_span: float = 0.3
     max_rise: float = 0.3
@@ -49,6 +52,58 @@ class MarkovRandomField:
         cells, highest, lowest = _heights(points, self.cell, half, np.float32(self.reach), np.float32(self.ceiling))
         obstacle_cell = _spread(highest, lowest, half, self.max_span, self.max_rise, -self.sensor_height)
         return _gather(obstacle_cell.ravel(), cells)
+
+
+@dataclass(frozen=True)
+class RansacPlane(GroundSegmenter):
+    """One plane through the whole scan by random sample consensus (Fischler and Bolles 1981), for comparison.
+
+    Args:
+        distance: points within it of the plane (metres) are ground.
+        trials: planes tried, each through three random points.
+        max_tilt: steepest plane in degrees that is taken for ground; keeps facades out.
+        reach: as for the random field.
+        ceiling: as for the random field.
+        seed: of the samples; the same for every scan, so that a scan's result depends on nothing else.
+    """
+
+    distance: float = 0.2
+    trials: int = 100
+    max_tilt: float = 15.0
+    reach: float = REACH
+    ceiling: float = 3.5
+    seed: int = 0
+
+    def obstacles(self, points: NDArray[np.float32]) -> NDArray[np.bool_]:
+        """Which of the `points` (N, >=3) in the sensor frame are obstacles: (N,) bool."""
+        taken = (np.abs(points[:, :2]) <= self.reach).all(axis=1) & (points[:, 2] <= self.ceiling)
+        inside = np.ascontiguousarray(points[taken, :3])
+        if len(inside) < 3:
+            return np.zeros(len(points), np.bool_)
+        samples = inside[np.random.default_rng(self.seed).integers(len(inside), size=(self.trials, 3))].astype(float)
+        normals = np.cross(samples[:, 1] - samples[:, 0], samples[:, 2] - samples[:, 0])
+        lengths = np.linalg.norm(normals, axis=1)
+        level = np.abs(normals[:, 2]) >= np.cos(np.radians(self.max_tilt)) * lengths
+        usable = level & (lengths > 0)
+        if not usable.any():
+            return taken
+        normals = (normals[usable] / lengths[usable, None]).astype(np.float32)
+        offsets = -(normals * samples[usable, 0]).sum(axis=1).astype(np.float32)
+        best = int(np.argmax(_count_inliers(inside, normals, offsets, np.float32(self.distance))))
+        obstacle = taken.copy()
+        obstacle[taken] = np.abs(inside @ normals[best] + offsets[best]) > self.distance
+        return obstacle
+
+
+@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
+def _count_inliers(points, normals, offsets, distance):  # type: ignore[no-untyped-def]
+    """Points within `distance` of each plane."""
+    counts = np.zeros(len(normals), np.int64)
+    for k in range(len(normals)):
+        for n in range(len(points)):
+            height = points[n, 0] * normals[k, 0] + points[n, 1] * normals[k, 1] + points[n, 2] * normals[k, 2]
+            counts[k] += abs(height + offsets[k]) <= distance
+    return counts
 
 
 @njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]

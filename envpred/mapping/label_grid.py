@@ -136,8 +136,5 @@ def _mark_ego(grid, sensor, heading, resolution):  # type: ignore[no-untyped-def
         for j in range(max(cj - reach, 0), min(cj + reach + 1, grid.shape[1])):
             east, north = (i - sensor[0]) * resolution, (j - sensor[1]) * resolution
             forward, left = cos * east + sin * north, cos * north - sin * east
-            if (
-                EGO_REAR - resolution <= forward <= EGO_FRONT + resolution
-                and abs(left) <= EGO_HALF_WIDTH + resolution
-            ):
+            if EGO_REAR - resolution <= forward <= EGO_FRONT + resolution and abs(left) <= EGO_HALF_WIDTH + resolution:
                 grid[i, j] = EGO

@@ -1,0 +1,171 @@
+"""The LightningDataModule over a store of grids."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from lightning.pytorch import LightningDataModule
+from lightning.pytorch.utilities import rank_zero_info
+from torch.utils.data import DataLoader
+
+from envpred.datamodules.selection import Split, Stretch, preset, select
+from envpred.datamodules.variants import variant as variant_of
+from envpred.datamodules.windows import (
+    Place,
+    RandomWindows,
+    Window,
+    WindowDataset,
+    every_window,
+    windows_in_order,
+)
+from envpred.errors import UserError
+from envpred.store import Store, StoredDrive, digest
+
+
+class GridDataModule(LightningDataModule):
+    """Windows of precomputed grids, as one of the paper's input variants.
+
+    Training draws random windows; validation and test take windows in order that do not overlap.  `frames` of a batch
+    (B, T, C, H, W) are the variant's channels, `occupancy` (B, T, H, W) is the probability that is judged.
+
+    Args:
+        store: folder that `envpred grids` wrote.
+        variant: dst_static or prob_static.
+        split: auto, paper, or custom for the lists below (see `envpred.datamodules.selection.preset`).
+        train: drives that train, each as name or name:start:stop; they replace the preset's.
+        val: drives that validate, likewise.
+        test: drives that test, likewise.
+        length: frames in a window.
+        given: frames of it that are shown to a forecaster; the others are to be forecast.
+        samples: random training windows an epoch.
+        val_windows: validation windows at most, spread evenly over the validation drives.
+        batch_size: windows in a batch.
+        augment: turn and mirror training windows at random.
+        num_workers: processes that read ahead; reading a window takes a millisecond or two, so none is usually best.
+        seed: of the random windows.
+    """
+
+    def __init__(
+        self,
+        store: Path,
+        variant: str = "dst_static",
+        split: str = "auto",
+        train: list[str] | None = None,
+        val: list[str] | None = None,
+        test: list[str] | None = None,
+        length: int = 20,
+        given: int = 5,
+        samples: int = 500,
+        val_windows: int = 100,
+        batch_size: int = 1,
+        augment: bool = False,
+        num_workers: int = 0,
+        seed: int = 0,
+    ) -> None:
+        super().__init__()
+        if not 1 <= given < length:
+            raise UserError(f"--data.given {given} must be at least 1 and below --data.length {length}")
+        if min(samples, val_windows, batch_size) < 1:
+            raise UserError("--data.samples, --data.val_windows and --data.batch_size must be at least 1")
+        self.store, self.variant, self.split = Path(store), variant, split
+        self.selections = {"train": train, "val": val, "test": test}
+        self.length, self.given, self.samples, self.val_windows = length, given, samples, val_windows
+        self.batch_size, self.augment, self.num_workers, self.seed = batch_size, augment, num_workers, seed
+        self.view = variant_of(variant)
+        self.stretches: dict[str, list[Stretch]] = {}
+        self.datasets: dict[str, WindowDataset] = {}
+
+    def setup(self, stage: str) -> None:
+        """Find the windows that a stage needs; refuse what does not fit before anything runs."""
+        if not self.stretches:
+            self.stretches = self._split(self._usable_drives())
+        needed = {"fit": ("train", "val"), "validate": ("val",), "test": ("test",), "predict": ("test",)}[stage]
+        for part in needed:
+            if part not in self.datasets:
+                self.datasets[part] = WindowDataset(self._places(part), self.view, self.length)
+                drives = ", ".join(str(stretch) for stretch in self.stretches[part])
+                rank_zero_info(f"{part}: {len(self.datasets[part])} windows of {drives}")
+
+    def train_dataloader(self) -> DataLoader[Window]:
+        data = self.datasets["train"]
+        sampler = RandomWindows(len(data), self.samples, self.seed, self.augment, self._epoch)
+        return self._loader(data, sampler=sampler, drop_last=self.samples >= self.batch_size)
+
+    def val_dataloader(self) -> DataLoader[Window]:
+        return self._loader(self.datasets["val"])
+
+    def test_dataloader(self) -> DataLoader[Window]:
+        return self._loader(self.datasets["test"])
+
+    def predict_dataloader(self) -> DataLoader[Window]:
+        return self._loader(self.datasets["test"])
+
+    def describe(self, part: str) -> dict[str, Any]:
+        """What a result was measured on: split, drives, windows and a hash of their content."""
+        manifests = {s.drive.name: s.drive.manifest["arrays"] for s in self.stretches[part]}
+        return {
+            "store": self.store.name,
+            "store_hash": digest(manifests),
+            "variant": self.variant,
+            "split": "custom" if any(self.selections.values()) else self.split,
+            "part": part,
+            "drives": [str(stretch) for stretch in self.stretches[part]],
+            "window_rule": f"windows of {self.length} frames in order from the start of every run, no overlap",
+            "length": self.length,
+            "given": self.given,
+            "windows": [[place.drive.name, place.start] for place in self.datasets[part].places],
+        }
+
+    def _epoch(self) -> int:
+        return self.trainer.current_epoch if self.trainer is not None else 0
+
+    def _loader(self, data: WindowDataset, **options: Any) -> DataLoader[Window]:
+        return DataLoader(
+            data,
+            batch_size=self.batch_size,
+            num_workers=self.num_workers,
+            persistent_workers=self.num_workers > 0,
+            **options,
+        )
+
+    def _usable_drives(self) -> dict[str, StoredDrive]:
+        store = Store(self.store)
+        drives = store.drives
+        if not drives:
+            unfinished = store.unfinished()
+            hint = f" ({', '.join(unfinished)} unfinished)" if unfinished else ""
+            raise UserError(f"{self.store}: holds no finished drive{hint}; run `envpred grids --store {self.store}`")
+        key = digest(store.parameters("mapping"))
+        stale = [name for name, drive in drives.items() if drive.manifest["groups"].get("mapping") != key]
+        if stale:
+            raise UserError(
+                f"{self.store}: {', '.join(stale)} were built with other parameters than the store says; "
+                "run `envpred grids` again"
+            )
+        return drives
+
+    def _split(self, drives: dict[str, StoredDrive]) -> dict[str, list[Stretch]]:
+        asked = {part: select(items, drives) for part, items in self.selections.items() if items}
+        if self.split == "custom" or len(asked) == len(self.selections):
+            base = Split([], [], [])
+        else:
+            base = preset(self.split, drives)
+        return {"train": base.train, "val": base.val, "test": base.test} | asked
+
+    def _places(self, part: str) -> list[Place]:
+        stretches = self.stretches[part]
+        if not stretches:
+            raise UserError(f"the split {self.split!r} leaves no drive to {part}; name some with --data.{part}")
+        for stretch in stretches:
+            for name in self.view.arrays:
+                stretch.drive.array(name)  # an error here names the command that makes it
+        places = (every_window if part == "train" else windows_in_order)(stretches, self.length)
+        if not places:
+            longest = max((n for s in stretches for _, n in s.runs()), default=0)
+            raise UserError(
+                f"no window of {self.length} frames fits into {', '.join(map(str, stretches))}, whose longest stretch "
+                f"without a gap has {longest}; give a smaller --data.length or other drives as --data.{part}"
+            )
+        if part == "val" and len(places) > self.val_windows:
+            places = [places[k] for k in np.linspace(0, len(places) - 1, self.val_windows).round().astype(int)]
+        return places

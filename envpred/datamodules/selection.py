@@ -1,0 +1,107 @@
+"""Which frames of which drives train, validate and test: presets, and lists of drives with an optional range.
+
+A selection is a drive's name, or `name:start:stop` for the frames at positions start to stop - 1 of it.
+"""
+
+from dataclasses import dataclass
+
+from envpred.errors import UserError
+from envpred.store import StoredDrive
+
+# Drives that the paper's reference code names; it trains on all others.
+PAPER_VALIDATION = ("2011_09_26_drive_0005_sync", "2011_09_26_drive_0014_sync")
+PAPER_TEST = ("2011_09_26_drive_0091_sync", "2011_09_26_drive_0015_sync")
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """Frames `start` to `stop` - 1 (positions, not frame numbers) of a stored drive."""
+
+    drive: StoredDrive
+    start: int
+    stop: int
+
+    def __str__(self) -> str:
+        whole = self.start == 0 and self.stop == len(self.drive.frames)
+        return self.drive.name if whole else f"{self.drive.name}:{self.start}:{self.stop}"
+
+    def runs(self) -> list[tuple[int, int]]:
+        """Stretches without a gap inside this one, as (first, length)."""
+        inside = []
+        for first, length in self.drive.runs:
+            a, b = max(first, self.start), min(first + length, self.stop)
+            if a < b:
+                inside.append((a, b - a))
+        return inside
+
+
+@dataclass(frozen=True)
+class Split:
+    """What trains, validates and tests."""
+
+    train: list[Stretch]
+    val: list[Stretch]
+    test: list[Stretch]
+
+
+def select(items: list[str], drives: dict[str, StoredDrive]) -> list[Stretch]:
+    """The stretches that `items` name.
+
+    Raises:
+        UserError: if a drive is not in the store, or a range is not inside it.
+    """
+    chosen = []
+    for item in items:
+        name, *bounds = item.split(":")
+        if name not in drives:
+            raise UserError(f"the split names drive {name}, which the store does not hold; it has {', '.join(drives)}")
+        frames = len(drives[name].frames)
+        try:
+            start, stop = (int(bounds[0] or 0), int(bounds[1] or frames)) if bounds else (0, frames)
+            valid = 0 <= start < stop <= frames
+        except (ValueError, IndexError):
+            valid = False
+        if not valid:
+            raise UserError(f"{item}: give drive:start:stop with 0 <= start < stop <= {frames}, its number of frames")
+        chosen.append(Stretch(drives[name], start, stop))
+    return chosen
+
+
+def preset(name: str, drives: dict[str, StoredDrive]) -> Split:
+    """A split by name.
+
+    `paper`: validation and test drives as the reference code names them, all others train.  `auto`: `paper` where the
+    store holds its drives; else the drives in order of their names, the last fifth (at least one) tests, the tenth
+    before it (at least one) validates, the others train.  Of two drives the second tests and the last fifth of the
+    first validates; one drive is cut into three fifths, one fifth and one fifth.
+
+    Raises:
+        UserError: if the preset is not known, or names a drive that is not in the store.
+    """
+    names = list(drives)
+    if name == "auto":
+        if all(drive in drives for drive in (*PAPER_VALIDATION, *PAPER_TEST)):
+            return preset("paper", drives)
+        return _auto(names, drives)
+    if name == "paper":
+        held_out = (*PAPER_VALIDATION, *PAPER_TEST)
+        val, test = select(list(PAPER_VALIDATION), drives), select(list(PAPER_TEST), drives)
+        return Split(select([n for n in names if n not in held_out], drives), val, test)
+    raise UserError(
+        f"no split {name!r}; give auto or paper, or lists of drives as --data.train, --data.val, --data.test"
+    )
+
+
+def _auto(names: list[str], drives: dict[str, StoredDrive]) -> Split:
+    if len(names) == 1:
+        (name,) = names
+        a, b = (len(drives[name].frames) * fifths // 5 for fifths in (3, 4))
+        return Split(*(select([item], drives) for item in (f"{name}::{a}", f"{name}:{a}:{b}", f"{name}:{b}:")))
+    if len(names) == 2:
+        first, second = names
+        a = len(drives[first].frames) * 4 // 5
+        return Split(*(select([item], drives) for item in (f"{first}::{a}", f"{first}:{a}:", second)))
+    test, val = max(1, len(names) // 5), max(1, len(names) // 10)
+    return Split(
+        select(names[: -test - val], drives), select(names[-test - val : -test], drives), select(names[-test:], drives)
+    )

@@ -1,0 +1,58 @@
+"""The input variants of the paper, as views of what a store holds: adding one is adding a `Variant`."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from torch import Tensor
+
+from envpred.errors import UserError
+from envpred.mapping.evidence import pignistic
+
+Arrays = Mapping[str, NDArray[np.float32]]
+
+
+@dataclass(frozen=True)
+class Variant:
+    """What a forecaster sees of each frame.
+
+    Args:
+        channels: names of the channels, in order.
+        arrays: what the store must hold.
+        view: the arrays (T, ...) of a window -> its frames (T, C, H, W).
+        velocity: the channels of the velocity east and north, if the variant has them; they lie in [-1, 1].
+    """
+
+    channels: tuple[str, ...]
+    arrays: tuple[str, ...]
+    view: Callable[[Arrays], NDArray[np.float32]]
+    velocity: tuple[int, int] | None = None
+
+    @property
+    def evidential(self) -> bool:
+        """Whether the first two channels are masses rather than the first one a probability."""
+        return self.channels[:2] == ("occupied", "free")
+
+    def probability(self, channels: Tensor) -> Tensor:
+        """Probability of occupied (..., H, W), what is judged, of `channels` (..., C, H, W): pignistic for masses."""
+        if self.evidential:
+            return 0.5 * channels[..., 0, :, :] + 0.5 * (1 - channels[..., 1, :, :])
+        return channels[..., 0, :, :]
+
+
+VARIANTS = {
+    "dst_static": Variant(("occupied", "free"), ("evidence",), lambda a: a["evidence"]),
+    "prob_static": Variant(("probability",), ("evidence",), lambda a: pignistic(a["evidence"])[:, None]),
+}
+
+
+def variant(name: str) -> Variant:
+    """The variant of that name.
+
+    Raises:
+        UserError: naming those that there are.
+    """
+    if name not in VARIANTS:
+        raise UserError(f"no input variant {name!r}; there are {', '.join(VARIANTS)}")
+    return VARIANTS[name]

@@ -1,0 +1,123 @@
+"""Windows of consecutive grids: what a forecaster is given, and which ones there are."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import TypedDict
+
+import numpy as np
+import torch
+from torch import Tensor
+from torch.utils.data import Dataset, Sampler
+
+from envpred.datamodules import symmetry as turning
+from envpred.datamodules.selection import Stretch
+from envpred.datamodules.variants import Variant
+from envpred.mapping.evidence import pignistic
+from envpred.mapping.geometry import heading_of
+from envpred.store import StoredDrive
+
+
+class Window(TypedDict):
+    """One window of T frames; a batch of them has a leading axis B, and lists of `drive`."""
+
+    frames: Tensor  # (T, C, H, W) the variant's channels
+    occupancy: Tensor  # (T, H, W) the probability of occupied that is judged
+    centre_cell: Tensor  # (T, 2) where each grid lies on the drive's lattice
+    pose: Tensor  # (T, 3) x and y in cells of that lattice, heading in radians
+    drive: str
+    start: int  # position of the first frame in the drive's arrays
+    index: int  # place of the window in its data set, by which metrics tell duplicates
+
+
+class WindowBatch(TypedDict):
+    """A batch of windows as the default collate makes it."""
+
+    frames: Tensor  # (B, T, C, H, W)
+    occupancy: Tensor  # (B, T, H, W)
+    centre_cell: Tensor  # (B, T, 2)
+    pose: Tensor  # (B, T, 3)
+    drive: list[str]
+    start: Tensor  # (B,)
+    index: Tensor  # (B,)
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a window lies."""
+
+    drive: StoredDrive
+    start: int
+
+
+class WindowDataset(Dataset[Window]):
+    """The windows at `places`, each read from the disk when it is asked for.
+
+    An item is asked for by its index, or by (index, symmetry) to have it turned.
+    """
+
+    def __init__(self, places: list[Place], variant: Variant, length: int) -> None:
+        self.places, self.variant, self.length = places, variant, length
+
+    def __len__(self) -> int:
+        return len(self.places)
+
+    def __getitem__(self, item: int | tuple[int, int]) -> Window:
+        index, symmetry = item if isinstance(item, tuple) else (item, 0)
+        place = self.places[index]
+        drive, cut = place.drive, slice(place.start, place.start + self.length)
+        # Copies: a mapped array held on to would keep its pages in memory.
+        arrays = {n: np.asarray(drive.array(n)[cut], np.float32) for n in {*self.variant.arrays, "evidence"}}
+        frames, occupancy = self.variant.view(arrays), pignistic(arrays["evidence"])
+        poses = np.asarray(drive.array("pose")[cut])
+        resolution = drive.manifest["lattice"]["resolution"]
+        cells = (poses[:, :2, 3] - drive.origin) / resolution
+        pose = np.concatenate([cells, heading_of(poses)[:, None]], axis=1)
+        centre_cell = np.asarray(drive.array("centre_cell")[cut])
+        if symmetry:
+            frames, occupancy = turning.turn_grid(frames, symmetry), turning.turn_grid(occupancy, symmetry)
+            centre_cell, pose = turning.turn_cell(centre_cell, symmetry), turning.turn_pose(pose, symmetry)
+            if self.variant.velocity is not None:
+                channels = list(self.variant.velocity)
+                frames = frames.copy()
+                frames[:, channels] = np.moveaxis(
+                    turning.turn_vector(np.moveaxis(frames[:, channels], 1, -1), symmetry), -1, 1
+                )
+        return Window(
+            frames=torch.from_numpy(np.ascontiguousarray(frames)),
+            occupancy=torch.from_numpy(np.ascontiguousarray(occupancy)),
+            centre_cell=torch.from_numpy(np.ascontiguousarray(centre_cell)),
+            pose=torch.from_numpy(pose.astype(np.float32)),
+            drive=drive.name,
+            start=place.start,
+            index=index,
+        )
+
+
+def every_window(stretches: list[Stretch], length: int) -> list[Place]:
+    """All windows of `length` frames without a gap, one a start."""
+    return [Place(s.drive, a + k) for s in stretches for a, n in s.runs() for k in range(n - length + 1)]
+
+
+def windows_in_order(stretches: list[Stretch], length: int) -> list[Place]:
+    """Windows that follow each other without overlap from the start of every run, so that a frame counts once."""
+    return [Place(s.drive, a + k) for s in stretches for a, n in s.runs() for k in range(0, n - length + 1, length)]
+
+
+class RandomWindows(Sampler[tuple[int, int]]):
+    """Draws `samples` windows an epoch with replacement, each with a symmetry if asked for.
+
+    What an epoch draws depends on the seed and the epoch's number alone, so a resumed run draws what the uninterrupted
+    one would have drawn.
+    """
+
+    def __init__(self, windows: int, samples: int, seed: int, augment: bool, epoch: Callable[[], int]) -> None:
+        self.windows, self.samples, self.seed, self.augment, self.epoch = windows, samples, seed, augment, epoch
+
+    def __len__(self) -> int:
+        return self.samples
+
+    def __iter__(self) -> Iterator[tuple[int, int]]:
+        random = np.random.default_rng([self.seed, self.epoch()])
+        index = random.integers(self.windows, size=self.samples)
+        turn = random.integers(turning.COUNT if self.augment else 1, size=self.samples)
+        return iter([(int(i), int(s)) for i, s in zip(index, turn, strict=True)])

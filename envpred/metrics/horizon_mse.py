@@ -1,0 +1,32 @@
+"""Mean squared error of the probability of occupied, per horizon: the paper's measure."""
+
+from torch import Tensor
+
+from envpred.metrics.windows import HorizonMetric
+
+
+def horizon_mse(forecast: Tensor, target: Tensor) -> Tensor:
+    """Mean over the cells of (forecast - target)^2: (B, N) of (B, N, H, W) probabilities."""
+    return (forecast - target).square().mean(dim=(-2, -1))
+
+
+class HorizonMSE(HorizonMetric):
+    """Mean squared error over the cells of a grid, then mean and standard error over windows, per horizon.
+
+    Itkina, Driggs-Campbell, Kochenderfer 2019, section IV.
+
+    >>> import torch
+    >>> metric = HorizonMSE(horizons=2)
+    >>> target = torch.zeros(2, 2, 4, 4)
+    >>> forecast = torch.tensor([0.1, 0.3]).view(2, 1, 1, 1).expand_as(target)
+    >>> metric.update(forecast, target, index=torch.tensor([0, 1]))
+    >>> metric.update(forecast[:1], target[:1], index=torch.tensor([0]))  # a padded duplicate counts once
+    >>> result = metric.compute()
+    >>> [round(x, 6) for x in result.mean.tolist()], [round(x, 6) for x in result.standard_error.tolist()]
+    ([0.05, 0.05], [0.04, 0.04])
+    """
+
+    higher_is_better = False
+
+    def measure(self, forecast: Tensor, target: Tensor, last: Tensor) -> Tensor:
+        return horizon_mse(forecast, target)

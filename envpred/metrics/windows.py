@@ -1,0 +1,131 @@
+"""What all metrics share: a few numbers per test window, kept so that means are right in one process and in many."""
+
+from abc import abstractmethod
+from math import isfinite
+from typing import Any
+
+import torch
+from torch import Tensor
+from torchmetrics import Metric
+
+ANONYMOUS = -1  # the index of a window that has none: never taken for a duplicate
+LARGEST_INDEX = 2**24  # float32, the type of the state, holds whole numbers exactly up to here
+
+
+class PerHorizon:
+    """A metric over windows: `mean` and `standard_error` (N,), `per_window` (W, N) and the windows' `index` (W,).
+
+    Undefined values (no such cell in that window) are NaN.  Not a tuple or dataclass: torchmetrics would turn the
+    tensors of one element inside it (one window, one horizon) into scalars.
+    """
+
+    def __init__(self, mean: Tensor, standard_error: Tensor, per_window: Tensor, index: Tensor) -> None:
+        self.mean, self.standard_error, self.per_window, self.index = mean, standard_error, per_window, index
+
+    def as_json(self) -> dict[str, Any]:
+        """Lists for a result file, None where a value is undefined: JSON has no NaN."""
+        return {
+            "mean": without_nan(self.mean.tolist()),
+            "standard_error": without_nan(self.standard_error.tolist()),
+            "per_window": [without_nan(row) for row in self.per_window.tolist()],
+        }
+
+
+def without_nan(values: list[float]) -> list[float | None]:
+    """`values` with None in place of what is not finite."""
+    return [value if isfinite(value) else None for value in values]
+
+
+def summarise(per_window: Tensor, index: Tensor, skip_undefined: bool = False) -> PerHorizon:
+    """Mean and standard error (sample standard deviation / sqrt(n)) of `per_window` (W, N), windows `index` (W,).
+
+    With `skip_undefined` NaN means "undefined in this window" and n counts the others; without, NaN is passed on.
+    The standard error of fewer than two windows is NaN.
+    """
+    values = per_window.double()
+    counted = ~values.isnan() if skip_undefined else torch.ones_like(values, dtype=torch.bool)
+    n = counted.sum(0)
+    mean = values.where(counted, 0.0).sum(0) / n
+    squares = (values - mean).where(counted, 0.0).square().sum(0)
+    # (n - 1).clamp: one window has no spread, 0/0 = NaN rather than 0/-1.
+    error = (squares / (n - 1).clamp(min=0)).sqrt() / n.sqrt()
+    return PerHorizon(mean, error, values, index)
+
+
+class WindowMetric(Metric):
+    """Base of the metrics: `measure` gives `width` numbers a window, which are all that is kept.
+
+    `update(forecast (B, N, H, W), target (B, N, H, W), last (B, H, W) | None, index (B,) | None)` takes probabilities
+    of occupied; `last` is the last grid shown.  `index` is the window's place in the test set: a distributed sampler
+    pads with windows it has already given, and `rows` drops them by it.  Memory: 4 * (width + 1) bytes a window.
+    """
+
+    full_state_update = False
+    is_differentiable = False
+    needs_last = False
+
+    rows_state: list[Tensor] | Tensor
+
+    def __init__(self, horizons: int = 15, **kwargs: Any) -> None:
+        super().__init__(**kwargs)
+        if horizons < 1:
+            raise ValueError(f"a forecast has at least one horizon, not {horizons}")
+        self.horizons = horizons
+        # One flat float32 state: torchmetrics fills in a flat float32 for a process that saw no window, and tensors
+        # gathered from several processes must agree in dimensions and type.
+        self.add_state("rows_state", default=[], dist_reduce_fx="cat")
+
+    @property
+    def width(self) -> int:
+        """Numbers kept per window."""
+        return self.horizons
+
+    @abstractmethod
+    def measure(self, forecast: Tensor, target: Tensor, last: Tensor) -> Tensor:
+        """(B, width) of `forecast` and `target` (B, N, H, W) and `last` (B, H, W), all float32."""
+
+    def update(self, forecast: Tensor, target: Tensor, last: Tensor | None = None, index: Tensor | None = None) -> None:
+        """Measure a batch of windows; see the class."""
+        if forecast.shape != target.shape or forecast.ndim != 4 or forecast.shape[1] != self.horizons:
+            raise ValueError(
+                f"forecast {tuple(forecast.shape)} and target {tuple(target.shape)} must both be "
+                f"(B, {self.horizons}, H, W)"
+            )
+        windows, _, height, width = forecast.shape
+        if last is None:
+            if self.needs_last:
+                raise ValueError(f"{type(self).__name__} needs `last`, the last grid shown")
+            last = target.new_empty((windows, height, width))
+        elif last.shape != (windows, height, width):
+            raise ValueError(f"last {tuple(last.shape)} must be {(windows, height, width)}")
+        if index is None:
+            index = torch.full((windows,), ANONYMOUS, device=forecast.device)
+        elif index.shape != (windows,) or (index >= LARGEST_INDEX).any():
+            raise ValueError(f"index {tuple(index.shape)} must be ({windows},) and below {LARGEST_INDEX}")
+        measured = self.measure(forecast.detach().float(), target.detach().float(), last.detach().float())
+        rows = torch.cat([index.to(measured.device, torch.float32)[:, None], measured.float()], dim=1)
+        assert isinstance(self.rows_state, list)
+        self.rows_state.append(rows.flatten())
+
+    def rows(self) -> tuple[Tensor, Tensor]:
+        """(index (W,) int64, values (W, width)) of all windows seen, each once, in the order of their index."""
+        state = self.rows_state
+        flat = state if isinstance(state, Tensor) else torch.cat([*state, torch.empty(0, device=self.device)])
+        rows = flat.reshape(-1, self.width + 1)
+        index = rows[:, 0].long()
+        order = torch.argsort(index, stable=True)
+        index, values = index[order], rows[order, 1:]
+        fresh = torch.ones_like(index, dtype=torch.bool)
+        fresh[1:] = (index[1:] != index[:-1]) | (index[1:] == ANONYMOUS)
+        return index[fresh], values[fresh]
+
+
+class HorizonMetric(WindowMetric):
+    """A metric that is one number per window and horizon; `compute()` gives `PerHorizon`."""
+
+    skip_undefined = False
+
+    def compute(self) -> PerHorizon:
+        """Mean and standard error over all windows seen in all processes, and the windows' own values."""
+        index, values = self.rows()
+        return summarise(values, index, self.skip_undefined)
