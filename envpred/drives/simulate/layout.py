@@ -29,10 +29,10 @@ class Style:
 
 
 STYLES = {
-    "old_town": Style((0.0, 1.5), (9.0, 18.0), (2.5, 6.0), 0.3, (8.0, 15.0), 0.10, 0.5, 0.15, 0.4, 0.75),
-    "residential": Style((2.5, 6.0), (9.0, 15.0), (3.0, 7.0), 0.7, (5.5, 9.0), 0.15, 0.75, 0.3, 1.2, 0.6),
-    "boulevard": Style((2.0, 10.0), (16.0, 38.0), (5.0, 14.0), 0.7, (9.0, 18.0), 0.25, 0.3, 0.6, 0.6, 0.6),
-    "suburb": Style((4.0, 9.0), (8.0, 14.0), (4.0, 12.0), 0.9, (4.5, 8.0), 0.30, 0.6, 0.25, 1.6, 0.4),
+    "old_town": Style((0.0, 2.5), (9.0, 18.0), (2.5, 6.0), 0.4, (8.0, 15.0), 0.15, 0.7, 0.3, 2.0, 0.85),
+    "residential": Style((2.5, 6.0), (9.0, 15.0), (3.0, 7.0), 0.7, (5.5, 9.0), 0.20, 0.85, 0.4, 4.0, 0.8),
+    "boulevard": Style((2.0, 8.0), (12.0, 30.0), (4.0, 10.0), 0.7, (9.0, 18.0), 0.25, 0.6, 0.6, 5.0, 0.8),
+    "suburb": Style((4.0, 9.0), (8.0, 14.0), (4.0, 12.0), 0.9, (4.5, 8.0), 0.30, 0.8, 0.35, 5.0, 0.7),
 }
 
 
@@ -117,7 +117,7 @@ class Layout:
             opening = rng.uniform(1, front - gate - 1)
             for a, b in ((0.0, opening), (opening + gate, front)):
                 self._barrier(str(kind), line, s + a, b - a, edge + 0.35, height)
-        for _ in range(rng.poisson(self.style.gardens)):
+        for _ in range(rng.poisson(self.style.gardens * (1.0 if depth < 7 else 2.0))):
             where = _beside(line, s + rng.uniform(0, front), edge + rng.uniform(1.0, max(depth, 1.1)))[0]
             self._plant(where)
 
@@ -143,7 +143,7 @@ class Layout:
             if part < 0.6 or self._blocked(place, heading, part, 0.3):
                 continue
             model = {
-                "hedge": lambda: models.hedge(part + 0.1, self.rng.uniform(0.5, 0.9), height, self.rng),
+                "hedge": lambda: models.hedge(part + 0.1, self.rng.uniform(0.6, 1.4), height, self.rng),
                 "wall": lambda: models.wall(part + 0.1, height),
                 "fence": lambda: models.fence(part, max(height, 0.9)),
             }[kind]()
@@ -208,7 +208,7 @@ class Layout:
     def _back_land(self) -> None:
         """Trees and bushes away from the streets, one for every 400 square metres of free ground or so."""
         extent = np.array(self.terrain.shape) * CELL
-        for place in self.rng.uniform(0, 1, (int(extent.prod() / 350), 2)) * extent + self.terrain.origin:
+        for place in self.rng.uniform(0, 1, (int(extent.prod() / 120), 2)) * extent + self.terrain.origin:
             self._plant((float(place[0]), float(place[1])))
 
     # Claims on the ground.

@@ -22,6 +22,7 @@ def road_user(kind: int, length: float, width: float, light: bool = True, phase:
     return _road_user(KINDS[kind], round(length, 2), round(width, 2), light, phase % PHASES)
 
 
+@lru_cache(maxsize=256)
 def size_of(kind: int, length: float, width: float) -> tuple[float, float, float]:
     """Length, width, height in metres of a road user's box."""
     low, high = (v(road_user(kind, length, width).vertices, axis=0) for v in (np.min, np.max))
@@ -160,7 +161,7 @@ def hedge(length: float, width: float, height: float, rng: np.random.Generator) 
     y = np.where(face < width, face - width / 2, np.where(face < width + height, -width / 2, width / 2))
     z = np.where(face < width, height, (face - width) % height)
     places = np.column_stack([rng.uniform(-length / 2, length / 2, n), y, z]) + rng.normal(0, 0.05, (n, 3))
-    core = box((-length / 2, length / 2), (-width / 2 + 0.12, width / 2 - 0.12), (-0.5, height - 0.1), L.VEGETATION, "leaves")
+    core = box((-length / 2, length / 2), (-0.05, 0.05), (-0.5, height - 0.1), L.VEGETATION, "leaves")
     return join([core, leaves(places, 0.16, L.VEGETATION, rng)])
 
 

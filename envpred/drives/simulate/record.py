@@ -85,7 +85,7 @@ def _write_trips(town: Town, net: Path, seed: int, seconds: float, sumolib: Any)
     area = len(edges) / 100
     starts: list[tuple[float, str, int]] = []
     starts += [(float(t), "vehicle", 0) for t in rng.uniform(0, seconds, int(seconds * 0.62 * area))]
-    starts += [(float(t), "person", 0) for t in rng.uniform(0, seconds, int(seconds * 0.55 * area))]
+    starts += [(float(t), "person", 0) for t in rng.uniform(0, seconds, int(seconds * 0.4 * area))]
     for k, (t, what, _) in enumerate(sorted(starts)):
         a, b = rng.choice(len(edges), 2, replace=False)
         source, target = edges[a].getID(), edges[b].getID()

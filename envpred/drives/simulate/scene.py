@@ -1,6 +1,7 @@
 """One drive's world: what stands, who moves, and the vehicle whose eyes we see it with."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from embreex.rtcore import EmbreeDevice
@@ -88,19 +89,24 @@ class Scene:
 
     def boxes(self, frame: int) -> list[Box]:
         """The boxes of all objects in reach at a frame, parked ones too."""
-        eye = self.ego.pose[frame, :2, 3]
-        boxes = []
-        for number, thing in enumerate(self.parked, 1):
-            if np.hypot(*(eye - thing.place)) < _RANGE:
-                place = np.array([*thing.place, self._footing(np.array(thing.place))])
-                label, size = _parked_box(thing)
-                boxes.append(Box(number, label, size, place, thing.heading))
+        boxes, places = self._parked_boxes
+        away = np.hypot(*(places - self.ego.pose[frame, :2, 3]).T)
+        boxes = [boxes[k] for k in np.flatnonzero(away < _RANGE)]
         for actor, k in self.near(frame):
             m = actor.motion
             place = np.array([*m.centre[k], self._footing(m.centre[k])])
             label = models.class_of(m.kind, bool(m.speed[k] > STILL))
             boxes.append(Box(actor.instance, label, models.size_of(m.kind, m.length, m.width), place, m.heading[k]))
         return boxes
+
+    @cached_property
+    def _parked_boxes(self) -> tuple[list[Box], FloatArray]:
+        places = np.array([thing.place for thing in self.parked]).reshape(-1, 2)
+        boxes = []
+        for number, (thing, place) in enumerate(zip(self.parked, places, strict=True), 1):
+            label, size = _parked_box(thing)
+            boxes.append(Box(number, label, size, np.array([*place, self._footing(place)]), thing.heading))
+        return boxes, places
 
     def _footing(self, place: FloatArray) -> float:
         return float(self.terrain.height(place))

@@ -26,14 +26,14 @@ class Town:
 
 
 TOWNS = (
-    Town("old_town", 6, 6, 78.0, 0.13, 0.05, 0.16, 0, 0.85, 0.80),
-    Town("residential", 5, 5, 105.0, 0.10, 0.09, 0.20, 1, 0.75, 0.70),
-    Town("boulevard", 5, 4, 140.0, 0.06, 0.03, 0.10, 2, 0.30, 0.50),
-    Town("suburb", 5, 4, 125.0, 0.14, 0.12, 0.22, 1, 0.55, 0.35),
+    Town("old_town", 6, 6, 78.0, 0.13, 0.05, 0.16, 0, 0.85, 0.85),
+    Town("residential", 5, 5, 105.0, 0.10, 0.09, 0.20, 1, 0.75, 0.85),
+    Town("boulevard", 5, 4, 140.0, 0.06, 0.03, 0.10, 2, 0.40, 0.80),
+    Town("suburb", 5, 4, 125.0, 0.14, 0.12, 0.22, 1, 0.55, 0.70),
 )
 
 _SPEED = {"arterial": 13.9, "collector": 13.9, "residential": 8.9}
-_WIDTH = {SIDEWALK: 2.2, PARKING: 2.1, CYCLEWAY: 1.6, DRIVING: 3.1}
+_WIDTH = {SIDEWALK: 1.9, PARKING: 2.0, CYCLEWAY: 1.5, DRIVING: 3.0}
 _ALLOW = {
     SIDEWALK: {"allow": "pedestrian"},
     PARKING: {"disallow": "all"},
