@@ -208,7 +208,7 @@ class Layout:
     def _back_land(self) -> None:
         """Trees and bushes away from the streets, one for every 400 square metres of free ground or so."""
         extent = np.array(self.terrain.shape) * CELL
-        for place in self.rng.uniform(0, 1, (int(extent.prod() / 120), 2)) * extent + self.terrain.origin:
+        for place in self.rng.uniform(0, 1, (int(extent.prod() / 90), 2)) * extent + self.terrain.origin:
             self._plant((float(place[0]), float(place[1])))
 
     # Claims on the ground.

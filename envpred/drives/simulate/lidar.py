@@ -39,14 +39,14 @@ class HDL64E:
     """The sensor (Velodyne's manual of the HDL-64E S2; what KITTI's car hides of the view is read off its scans).
 
     Args:
-        columns: firings a turn; 2152 at the 9.68 turns a second of KITTI (0.167 degrees apart), 2083 at 10.
+        columns: firings a turn at 10 Hz, 0.173 degrees apart (KITTI turned a little slower: 2152 at 9.68 Hz).
         nearest, farthest: returns nearer or farther (metres) are not recorded; KITTI keeps 80 m.
         noise: standard deviation of a range, metres.
         lost: share of returns that are lost anyhow.
         faint: returned share of the light, at 80 m face on, at which two of three returns are lost.
     """
 
-    columns: int = 2152
+    columns: int = 2083
     nearest: float = 0.9
     farthest: float = 80.0
     noise: float = 0.018

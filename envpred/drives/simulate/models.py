@@ -56,6 +56,28 @@ def _wheels(length: float, width: float, radius: float, label: int) -> list[Mesh
     return [wheel(x, y, radius, label, "rubber") for x in axles for y in sides]
 
 
+def _pillars(
+    base: tuple[float, float, float, float], roof: tuple[float, float, float, float], z: tuple[float, float], label: int, paint: str
+) -> list[Mesh]:
+    """What holds a roof at its corners and between the doors; the glass around it lets the light through."""
+    pillars = []
+    for share in (0.0, 0.5, 1.0):
+        for side in (2, 3):
+            lower, upper = ((1 - share) * r[0] + share * r[1] for r in (base, roof))
+            thick = 0.06
+            foot, head = (
+                (x - thick, x + thick, y - 0.04, y + 0.04) for x, y in ((lower, base[side]), (upper, roof[side]))
+            )
+            pillars.append(frustum(foot, head, z, label, paint))
+    return pillars
+
+
+def _seats(length: float, width: float, label: int) -> list[Mesh]:
+    """Backs of front and rear seats, seen through the glass."""
+    front = [box((-0.35, -0.15), (y - 0.22, y + 0.22), (0.7, 1.25), label, "cloth") for y in (-0.37, 0.37)]
+    return [*front, box((-0.29 * length, -0.29 * length + 0.2), (-width / 2 + 0.25, width / 2 - 0.25), (0.7, 1.15), label, "cloth")]
+
+
 def _car(length: float, width: float, height: float, paint: str) -> Mesh:
     """Body with bonnet and boot, tapered cabin of glass under a roof, four wheels."""
     half, w = length / 2, width / 2
@@ -65,8 +87,9 @@ def _car(length: float, width: float, height: float, paint: str) -> Mesh:
     roof = (-half + 0.75, half - 1.95, -w + 0.22, w - 0.22)
     return join([
         prism(hull, (-w + 0.02, w - 0.02), L.CAR, paint),
-        frustum(base, roof, (0.88, height - 0.06), L.CAR, "window"),
+        *_pillars(base, roof, (0.88, height - 0.06), L.CAR, paint),
         frustum(roof, roof, (height - 0.06, height), L.CAR, paint),
+        *_seats(length, width, L.CAR),
         *_wheels(length, width, 0.31, L.CAR),
     ])
 
@@ -148,7 +171,7 @@ def tree(height: float, radius: float, bare: float, rng: np.random.Generator) ->
 
 def bush(radius: float, height: float, rng: np.random.Generator) -> Mesh:
     """A round bush that starts at the ground."""
-    n = int(220 * radius * max(radius, 0.5))
+    n = int(170 * radius * max(radius, 0.5))
     angle, reach = rng.uniform(0, 2 * np.pi, n), radius * np.sqrt(rng.uniform(0.2, 1, n))
     z = rng.uniform(0, 1, n) * height * np.sqrt(np.maximum(0, 1.05 - (reach / radius) ** 2))
     return leaves(np.column_stack([reach * np.cos(angle), reach * np.sin(angle), z]), 0.2, L.VEGETATION, rng)
@@ -156,7 +179,7 @@ def bush(radius: float, height: float, rng: np.random.Generator) -> Mesh:
 
 def hedge(length: float, width: float, height: float, rng: np.random.Generator) -> Mesh:
     """A cut hedge: a core that stops light, leaves around it."""
-    n = int(26 * length * (width + 2 * height))
+    n = int(20 * length * (width + 2 * height))
     face = rng.uniform(0, width + 2 * height, n)
     y = np.where(face < width, face - width / 2, np.where(face < width + height, -width / 2, width / 2))
     z = np.where(face < width, height, (face - width) % height)
@@ -207,7 +230,7 @@ def house(length: float, depth: float, height: float, roof: float, rng: np.rando
     panes = _windows(length, height, rng)
     for side in (-back - 0.015, back + 0.015):
         parts.append(_panes(panes, side))
-    for _ in range(int(rng.integers(0, 3))):  # oriels, porches and steps break the flat front
+    for _ in range(rng.poisson(length / 6)):  # oriels, porches and steps break the flat front
         x, w, out = rng.uniform(-half + 1, half - 1), rng.uniform(0.5, 1.3), rng.uniform(0.4, 1.1)
         low = rng.choice([-0.5, 2.6])
         top = min(low + rng.choice([0.9, 3.0]), height)

@@ -107,16 +107,21 @@ class Terrain:
         inwards = distance_transform_edt(road, sampling=CELL)
         noise = rng.standard_normal(self.shape, np.float32)
         detail = np.where(road, _CROWN * np.minimum(inwards, 3.5), _KERB).astype(np.float32)
-        detail += gaussian_filter(noise, 1.5) * np.where(self.surface == L.TERRAIN, 0.12, 0.02)
+        grass = self._waves(8, rng).clip(0, 2)
+        detail += gaussian_filter(noise, 1.2) * np.where(self.surface == L.TERRAIN, 0.1 + 0.3 * grass, 0.02)
         # Gardens rise and fall away from the pavement.
         street = self.surface != L.TERRAIN
         away = np.minimum(distance_transform_edt(~street, sampling=CELL) / 10, 1.0)
-        coarse = gaussian_filter(rng.standard_normal([n // 16 + 2 for n in self.shape]), 3)
-        mounds = np.asarray(Image.fromarray(coarse.astype(np.float32)).resize(self.shape[::-1], Image.Resampling.BICUBIC))
-        detail += (away * mounds * (0.5 / max(mounds.std(), 1e-6))).astype(np.float32)
+        detail += (0.6 * away * self._waves(16, rng)).astype(np.float32)
         for x, y in np.argwhere(road)[rng.integers(0, max(road.sum(), 1), road.sum() // 6000)] if road.any() else ():
             self._pothole(detail, int(x), int(y), rng.uniform(0.3, 0.7), rng.uniform(0.02, 0.06))
         return detail
+
+    def _waves(self, coarseness: int, rng: np.random.Generator) -> FloatArray:
+        """A smooth random field (X, Y) of unit variance with waves of about 20 `coarseness` cells."""
+        coarse = gaussian_filter(rng.standard_normal([n // coarseness + 2 for n in self.shape]), 3)
+        fine = Image.fromarray(coarse.astype(np.float32)).resize(self.shape[::-1], Image.Resampling.BICUBIC)
+        return np.asarray(fine, np.float64) / max(float(coarse.std()), 1e-9)
 
     def _pothole(self, detail: NDArray[np.float32], x: int, y: int, radius: float, depth: float) -> None:
         reach = int(np.ceil(radius / CELL))
