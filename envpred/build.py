@@ -87,8 +87,11 @@ def build(
         else _in_processes(todo, store, parameters, key, workers)
     )
     with tqdm(total=total, unit="frame", disable=not todo, mininterval=0.5) as bar:
+        bar.set_description("starting")
         for frames, failure in jobs:
-            bar.update(frames)
+            if frames:
+                bar.set_description("mapping")
+                bar.update(frames)
             if failure:
                 failures.append(failure)
     if failures:
@@ -121,14 +124,9 @@ def map_drive(
     with DriveWriter(store, drive.name, "mapping", key, about) as out:
         labels = out.add("label", np.uint8, (T, H, H))
         masses = out.add("evidence", np.float16, (T, 2, H, H))
-        small = {
-            "centre_cell": (out.add("centre_cell", np.int32, (T, 2)), centre_cell),
-            "pose": (out.add("pose", np.float64, (T, 4, 4)), poses),
-            "time": (out.add("time", np.float64, (T,)), np.array([drive.time(k) for k in frames])),
-        }
-        for writer, values in small.values():
-            for value in values:
-                writer.append(value)
+        times = np.array([drive.time(k) for k in frames])
+        for name, values in (("centre_cell", centre_cell), ("pose", poses), ("time", times)):
+            out.add(name, values.dtype, values.shape).extend(values)
         mass = np.zeros((2, H, H), np.float32)
         for t, k in enumerate(frames):
             points = drive.scan(k)
@@ -238,7 +236,7 @@ def _on_cluster(address: str, drives: list[Drive], store: Path, parameters: Mapp
     except ImportError:
         raise UserError("--cluster needs Dask: pip install 'envpred[cluster]'") from None
     try:
-        client = distributed.Client(address, timeout="10s")
+        client: Any = distributed.Client(address, timeout="10s")
     except (OSError, TimeoutError, ValueError) as error:
         raise UserError(
             f"{address}: no Dask scheduler answers there ({error}); start one with `dask scheduler`"

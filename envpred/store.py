@@ -167,7 +167,7 @@ class StoredDrive:
         for name, entry in self.manifest["arrays"].items():
             checksum = 0
             for frame in self.array(name):
-                checksum = zlib.crc32(np.ascontiguousarray(frame), checksum)
+                checksum = zlib.crc32(frame.tobytes(), checksum)
             if checksum != entry["checksum"]:
                 raise UserError(f"{self.folder / name}.npy: its content has changed since it was built; {self._remedy}")
 
@@ -198,10 +198,15 @@ class ArrayWriter:
             self._handle = self.file.open("wb")
             header = {"descr": self.dtype.str, "fortran_order": False, "shape": self.shape}
             np.lib.format.write_array_header_1_0(self._handle, header)
-        data = np.ascontiguousarray(frame, self.dtype)
+        data = frame.astype(self.dtype, copy=False).tobytes()
         self._handle.write(data)
         self.checksum = zlib.crc32(data, self.checksum)
         self.written += 1
+
+    def extend(self, frames: NDArray[Any]) -> None:
+        """Write several frames."""
+        for frame in frames:
+            self.append(np.asarray(frame))
 
     def close(self) -> dict[str, Any]:
         """Flush to the disk and return the array's entry of the manifest."""

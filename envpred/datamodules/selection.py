@@ -72,8 +72,8 @@ def preset(name: str, drives: dict[str, StoredDrive]) -> Split:
 
     `paper`: validation and test drives as the reference code names them, all others train.  `auto`: `paper` where the
     store holds its drives; else the drives in order of their names, the last fifth (at least one) tests, the tenth
-    before it (at least one) validates, the others train.  Of two drives the second tests and the last fifth of the
-    first validates; one drive is cut into three fifths, one fifth and one fifth.
+    before it (at least one) validates, the others train.  Of two drives the second tests and the last 30 % of the first
+    validate; one drive is cut into three fifths, one fifth and one fifth.
 
     Raises:
         UserError: if the preset is not known, or names a drive that is not in the store.
@@ -99,7 +99,7 @@ def _auto(names: list[str], drives: dict[str, StoredDrive]) -> Split:
         return Split(*(select([item], drives) for item in (f"{name}::{a}", f"{name}:{a}:{b}", f"{name}:{b}:")))
     if len(names) == 2:
         first, second = names
-        a = len(drives[first].frames) * 4 // 5
+        a = len(drives[first].frames) * 7 // 10
         return Split(*(select([item], drives) for item in (f"{first}::{a}", f"{first}:{a}:", second)))
     test, val = max(1, len(names) // 5), max(1, len(names) // 10)
     return Split(

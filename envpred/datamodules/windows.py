@@ -66,13 +66,13 @@ class WindowDataset(Dataset[Window]):
         place = self.places[index]
         drive, cut = place.drive, slice(place.start, place.start + self.length)
         # Copies: a mapped array held on to would keep its pages in memory.
-        arrays = {n: np.asarray(drive.array(n)[cut], np.float32) for n in {*self.variant.arrays, "evidence"}}
+        arrays = {n: np.array(drive.array(n)[cut], np.float32) for n in {*self.variant.arrays, "evidence"}}
         frames, occupancy = self.variant.view(arrays), pignistic(arrays["evidence"])
-        poses = np.asarray(drive.array("pose")[cut])
+        poses = np.array(drive.array("pose")[cut])
         resolution = drive.manifest["lattice"]["resolution"]
         cells = (poses[:, :2, 3] - drive.origin) / resolution
         pose = np.concatenate([cells, heading_of(poses)[:, None]], axis=1)
-        centre_cell = np.asarray(drive.array("centre_cell")[cut])
+        centre_cell = np.array(drive.array("centre_cell")[cut])
         if symmetry:
             frames, occupancy = turning.turn_grid(frames, symmetry), turning.turn_grid(occupancy, symmetry)
             centre_cell, pose = turning.turn_cell(centre_cell, symmetry), turning.turn_pose(pose, symmetry)

@@ -42,7 +42,7 @@ class OdometryDrive(Drive):
         return pose
 
     def time(self, k: int) -> float:
-        return self._times[k] - self._times[self.frames[0]]
+        return float(self._times[k] - self._times[self.frames[0]])
 
     def sensor_to_body(self) -> FloatArray:
         return PAPER_SENSOR_OFFSET
@@ -67,7 +67,7 @@ class OdometryDrive(Drive):
         camera = np.concatenate([camera, np.broadcast_to([[[0.0, 0, 0, 1]]], (len(camera), 1, 4))], axis=1)
         sensor = np.linalg.inv(velodyne_to_camera) @ camera @ velodyne_to_camera
         # World: the first body frame, so that positions start at zero.
-        body: FloatArray = PAPER_SENSOR_OFFSET @ sensor @ np.linalg.inv(PAPER_SENSOR_OFFSET)
+        body: FloatArray = (PAPER_SENSOR_OFFSET @ sensor @ np.linalg.inv(PAPER_SENSOR_OFFSET)).astype(np.float64)
         return body
 
     def _pose_file(self) -> Path:

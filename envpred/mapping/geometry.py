@@ -47,7 +47,8 @@ class GridSpec:
 
         It lies one grid's side west and south of the drive's extremes, as in the paper's reference code.
         """
-        return np.asarray(positions, np.float64)[:, :2].min(axis=0) - self.side
+        southwest: FloatArray = np.asarray(positions, np.float64)[:, :2].min(axis=0)
+        return southwest - self.side
 
     def cell_of(self, positions: FloatArray, origin: FloatArray) -> IntArray:
         """Lattice cell (..., 2) int32 that holds each of the world `positions` (..., >=2), in metres."""

@@ -51,7 +51,8 @@ class MarkovRandomField(GroundSegmenter):
         half = int(np.ceil(self.reach / self.cell))
         cells, highest, lowest = _heights(points, self.cell, half, np.float32(self.reach), np.float32(self.ceiling))
         obstacle_cell = _spread(highest, lowest, half, self.max_span, self.max_rise, -self.sensor_height)
-        return _gather(obstacle_cell.ravel(), cells)
+        obstacle: NDArray[np.bool_] = _gather(obstacle_cell.ravel(), cells)
+        return obstacle
 
 
 @dataclass(frozen=True)

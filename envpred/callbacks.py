@@ -1,0 +1,93 @@
+"""What a run shows in TensorBoard besides its scalars: pictures of fixed windows, and the static baseline's line."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import torch
+from lightning.pytorch import Callback, LightningModule, Trainer
+from lightning.pytorch.loggers import TensorBoardLogger
+from tensorboard.compat.proto.summary_pb2 import Summary
+from torch.utils.data import default_collate
+from torch.utils.tensorboard import SummaryWriter
+
+from envpred import plots
+from envpred.models.forecaster import SHOWN_HORIZONS, Forecaster
+
+
+class TensorBoardPictures(Callback):
+    """After each validation: targets, forecasts and errors of fixed windows, one of them as an animation.
+
+    Args:
+        windows: how many windows are drawn, spread evenly over the validation windows.
+        every_n_epochs: how often.
+    """
+
+    def __init__(self, windows: int = 2, every_n_epochs: int = 1) -> None:
+        self.windows, self.every_n_epochs = windows, every_n_epochs
+        self.static: SummaryWriter | None = None
+
+    def on_fit_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
+        logger = _tensorboard(trainer)
+        if logger is not None:
+            # The tab needs the names of the final metrics before there are any.
+            logger.log_hyperparams(_flat(dict(pl_module.hparams)), {"final/val_mse": float("nan")})
+
+    def on_validation_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
+        logger = _tensorboard(trainer)
+        if logger is None or trainer.sanity_checking or not isinstance(pl_module, Forecaster):
+            return
+        self._draw_reference(trainer, logger)
+        if trainer.current_epoch % self.every_n_epochs:
+            return
+        data = pl_module.dataset.datasets["val"]
+        chosen = np.unique(np.linspace(0, len(data) - 1, self.windows).round().astype(int))
+        for place, index in enumerate(chosen):
+            batch = default_collate([data[int(index)]])
+            moved = pl_module.transfer_batch_to_device(batch, pl_module.device, 0)
+            with torch.no_grad():
+                forecast = pl_module.forecast(moved, pl_module.given)[0].float().cpu().numpy()
+            occupancy = batch["occupancy"][0].numpy()
+            title = f"{batch['drive'][0]}, frames from {int(batch['start'][0])}, epoch {trainer.current_epoch}"
+            strip = plots.forecast_strip(occupancy[pl_module.given :], forecast, SHOWN_HORIZONS, title)
+            logger.experiment.add_figure(f"window_{place}/forecast", strip, trainer.global_step)
+            if place == 0:
+                self._animate(logger, occupancy, forecast, pl_module.given, trainer.global_step)
+
+    def on_train_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
+        logger = _tensorboard(trainer)
+        if logger is not None and "val/mse" in trainer.callback_metrics:
+            logger.log_metrics({"final/val_mse": float(trainer.callback_metrics["val/mse"])}, trainer.global_step)
+
+    def teardown(self, trainer: Trainer, pl_module: LightningModule, stage: str) -> None:
+        if self.static is not None:
+            self.static.close()
+            self.static = None
+
+    def _draw_reference(self, trainer: Trainer, logger: TensorBoardLogger) -> None:
+        """The static baseline under the same names as a run of its own, so that both share a chart."""
+        if self.static is None:
+            self.static = SummaryWriter(f"{logger.log_dir}/static_baseline")
+        for name, value in trainer.callback_metrics.items():
+            if name.startswith("static/"):
+                self.static.add_scalar(name.replace("static/", "val/"), float(value), trainer.global_step)
+
+    @staticmethod
+    def _animate(logger: TensorBoardLogger, target: Any, forecast: Any, given: int, step: int) -> None:
+        gif = plots.animation(target, forecast, given)
+        height, width = 2 * target.shape[2], 4 * target.shape[1]
+        image = Summary.Image(height=height, width=width, colorspace=3, encoded_image_string=gif)
+        summary = Summary(value=[Summary.Value(tag="window_0/animation", image=image)])
+        logger.experiment._get_file_writer().add_summary(summary, step)
+
+
+def _tensorboard(trainer: Trainer) -> TensorBoardLogger | None:
+    """The TensorBoard logger of the process that writes."""
+    if not trainer.is_global_zero:
+        return None
+    return next((logger for logger in trainer.loggers if isinstance(logger, TensorBoardLogger)), None)
+
+
+def _flat(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Values that the HPARAMS tab can show; lists as text."""
+    return {k: v if isinstance(v, int | float | str | bool) else str(v) for k, v in values.items()}

@@ -1,0 +1,46 @@
+"""The command line: Lightning's fit, validate, test and predict, and our own commands in the same style.
+
+    envpred grids --source KITTI --store grids/
+    envpred fit --config configs/model/prednet.yaml --config configs/data/dst_static.yaml --data.store grids/
+
+Torch and Lightning are imported by the commands that need them: worker processes import this module too.
+"""
+
+import sys
+
+from jsonargparse import ArgumentParser
+
+from envpred.commands import COMMANDS
+from envpred.errors import UserError
+
+
+def main(args: list[str] | None = None) -> None:
+    """Entry point; a user's mistake is one line on standard error and exit code 1."""
+    args = sys.argv[1:] if args is None else args
+    try:
+        if args and args[0] in COMMANDS:
+            own(args[0], args[1:])
+        else:
+            from envpred.lightning_cli import lightning
+
+            lightning(args)
+    except UserError as error:
+        print(f"envpred: {error}", file=sys.stderr)
+        sys.exit(1)
+    except KeyboardInterrupt:
+        print("envpred: interrupted; run the same command again to go on", file=sys.stderr)
+        sys.exit(130)
+
+
+def own(name: str, args: list[str]) -> None:
+    """Run one of our own commands with `args`."""
+    function = COMMANDS[name]
+    parser = ArgumentParser(prog=f"envpred {name}", description=(function.__doc__ or "").splitlines()[0])
+    parser.add_argument("--config", action="config", help="Path to a configuration file in YAML.")
+    parser.add_function_arguments(function, as_positional=False)
+    options = parser.instantiate_classes(parser.parse_args(args))
+    function(**{key: options[key] for key in vars(options) if key != "config"})
+
+
+if __name__ == "__main__":
+    main()

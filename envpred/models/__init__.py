@@ -1,0 +1,7 @@
+"""Forecasters: LightningModules that share one `validate` and one `test`, and differ in how they train."""
+
+from envpred.models.baselines import LastFrame
+from envpred.models.forecaster import Forecaster
+from envpred.models.prednet import PredNetForecaster
+
+__all__ = ["Forecaster", "LastFrame", "PredNetForecaster"]

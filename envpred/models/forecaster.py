@@ -1,0 +1,147 @@
+"""What all forecasters share: validation, test and prediction are written once, here; only training differs."""
+
+import time
+from abc import abstractmethod
+from collections.abc import Mapping
+from typing import Any
+
+import torch
+from lightning.pytorch import LightningModule
+from lightning.pytorch.utilities import rank_zero_info
+from torch import Tensor
+from torchmetrics import MetricCollection
+
+from envpred.datamodules import GridDataModule, WindowBatch
+from envpred.datamodules.variants import variant as variant_of
+from envpred.errors import UserError
+from envpred.metrics.horizon_mse import HorizonMSE
+from envpred.metrics.skill import skill_against
+from envpred.metrics.windows import PerHorizon
+from envpred.results import horizon_name, write_test_result
+
+# The horizons that the paper's table names, as steps of 0.1 s; they are logged one by one.
+SHOWN_HORIZONS = (1, 5, 10, 15)
+
+
+class Forecaster(LightningModule):
+    """A model of the probability of occupied in the frames after those shown.
+
+    Args:
+        variant: input variant that it reads; its data module's.
+        given: frames shown before the first that is forecast; its data module's.
+    """
+
+    # Hyperparameters that decide which weights there are; a checkpoint with others does not fit.
+    shaping: tuple[str, ...] = ("variant",)
+
+    def __init__(self, variant: str, given: int) -> None:
+        super().__init__()
+        self.variant, self.given = variant, given
+        self.view = variant_of(variant)
+        self.scores = MetricCollection({})
+        self.forecast_seconds = 0.0
+
+    @abstractmethod
+    def forecast(self, batch: WindowBatch, given: int = 5) -> Tensor:
+        """Probability of occupied (B, T - given, H, W) in [0, 1] of the frames after the first `given`."""
+
+    @property
+    def epochs(self) -> int:
+        """Epochs that training takes."""
+        return 0
+
+    def flops(self, length: int, given: int) -> int | None:
+        """Floating-point operations of the forecast of one window of `length` frames (a multiply-add is two)."""
+        return None
+
+    @property
+    def dataset(self) -> GridDataModule:
+        """The data module of the trainer."""
+        data: GridDataModule = self.trainer.datamodule  # type: ignore[attr-defined]
+        return data
+
+    def setup(self, stage: str) -> None:
+        horizons = self.dataset.length - self.dataset.given
+        self.scores = MetricCollection(
+            {"forecast": HorizonMSE(horizons), "static": HorizonMSE(horizons)}, compute_groups=False
+        ).to(self.device)
+
+    def score(self, batch: WindowBatch, forecast: Tensor) -> None:
+        """Count a batch's forecast, and the last frame shown as the static baseline's."""
+        target, last = batch["occupancy"][:, self.given :], batch["occupancy"][:, self.given - 1]
+        self.scores["forecast"].update(forecast, target, last, batch["index"])
+        self.scores["static"].update(last[:, None].expand_as(target), target, last, batch["index"])
+
+    def scored(self) -> tuple[PerHorizon, PerHorizon]:
+        """MSE of the forecasts and of the static baseline over all windows counted, which are then forgotten."""
+        forecast: PerHorizon = self.scores["forecast"].compute()
+        static: PerHorizon = self.scores["static"].compute()
+        self.scores.reset()
+        return forecast, static
+
+    def validation_step(self, batch: WindowBatch, batch_index: int) -> None:
+        self.score(batch, self.forecast(batch, self.given))
+
+    def on_validation_epoch_end(self) -> None:
+        mse, static = self.scored()
+        self.log("val/mse", mse.mean.mean().float(), prog_bar=True)
+        self.log("val/skill", (1 - mse.mean.mean() / static.mean.mean()).float())
+        for horizon in (h for h in SHOWN_HORIZONS if h <= len(mse.mean)):
+            self.log(f"val/mse_{horizon_name(horizon)}", mse.mean[horizon - 1].float())
+            self.log(f"static/mse_{horizon_name(horizon)}", static.mean[horizon - 1].float())
+
+    def test_step(self, batch: WindowBatch, batch_index: int) -> None:
+        start = time.perf_counter()
+        forecast = self.forecast(batch, self.given)
+        if forecast.is_cuda:
+            torch.cuda.synchronize()
+        self.forecast_seconds += time.perf_counter() - start
+        self.score(batch, forecast)
+
+    def on_test_epoch_end(self) -> None:
+        mse, static = self.scored()
+        skill = skill_against(mse, static)
+        for horizon in (h for h in SHOWN_HORIZONS if h <= len(mse.mean)):
+            self.log(f"test/mse_{horizon_name(horizon)}", mse.mean[horizon - 1].float())
+            self.log(f"test/skill_{horizon_name(horizon)}", skill.value[horizon - 1].float())
+        metrics = {"mse": mse.as_json(), "static_mse": static.as_json(), "skill": skill.as_json()}
+        if self.trainer.is_global_zero and not self.trainer.fast_dev_run:  # type: ignore[attr-defined]
+            file = write_test_result(self, metrics, self.forecast_seconds / max(len(mse.index), 1))
+            rank_zero_info(f"result: {file}")
+        self.forecast_seconds = 0.0
+
+    def predict_step(self, batch: WindowBatch, batch_index: int) -> Mapping[str, Any]:
+        """The forecast (B, T - given, H, W) of a batch, and which windows it belongs to."""
+        return {
+            "forecast": self.forecast(batch, self.given),
+            "drive": batch["drive"],
+            "start": batch["start"],
+        }
+
+    def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
+        checkpoint["forecaster"] = type(self).__name__
+
+    def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
+        """Refuse a checkpoint whose weights belong to another forecaster or variant.
+
+        Raises:
+            UserError: naming what differs.
+        """
+        kind = checkpoint.get("forecaster", type(self).__name__)
+        if kind != type(self).__name__:
+            raise UserError(
+                f"the checkpoint holds a {kind}, not a {type(self).__name__}; give its own model configuration"
+            )
+        theirs = checkpoint.get("hyper_parameters", {})
+        for name in self.shaping:
+            if name in theirs and theirs[name] != self.hparams[name]:
+                room = "data" if name == "variant" else "model"
+                raise UserError(
+                    f"the checkpoint was trained with {name} {theirs[name]}, the command says {self.hparams[name]}; "
+                    f"give --{room}.{name} {_argument(theirs[name])}, or another checkpoint"
+                )
+
+
+def _argument(value: Any) -> str:
+    """A hyperparameter as it is written on the command line."""
+    return f"'{value}'" if isinstance(value, list) else str(value)

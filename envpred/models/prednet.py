@@ -1,0 +1,212 @@
+"""PredNet as a forecaster: trained on the next frame first (t+1), then on its own forecasts (t+5), in one run."""
+
+from pathlib import Path
+from typing import Any, Literal, cast
+
+import numpy as np
+import torch
+from lightning.pytorch.callbacks import Callback, ModelCheckpoint
+from lightning.pytorch.trainer.states import TrainerFn
+from lightning.pytorch.utilities import rank_zero_info, rank_zero_warn
+from torch import Tensor
+
+from envpred.datamodules import WindowBatch
+from envpred.errors import UserError
+from envpred.models.checkpoints import StageCheckpoint, read_checkpoint
+from envpred.models.forecaster import Forecaster
+from envpred.networks.prednet import PredNet
+
+# A forecast whose cells differ by less than this over a whole validation says nothing: its output has died.
+DEAD = 1e-6
+
+
+class PredNetForecaster(Forecaster):
+    """PredNet with the two-stage schedule of Itkina et al. 2019.
+
+    Stage t+1 minimises the error of the prediction of the next frame, all frames shown; stage t+5 starts from its best
+    weights with a fresh optimiser and minimises the error of the predictions after `given` frames, which are fed back.
+
+    Args:
+        variant: input variant; decides the channels of the first layer.
+        given: frames shown before the first that is forecast.
+        channels: channels of the layers above the first.
+        feedback: what is read once no frames are shown (see `envpred.networks.prednet.PredNet`).
+        layer_weights: weight of each layer's error in stage t+1; layers that are not named weigh nothing.
+        t1_epochs: epochs of stage t+1; 0 leaves it out.
+        t1_lr: its learning rate.
+        t1_drop_epoch: its epoch from which the learning rate is multiplied by `lr_drop`.
+        t5_epochs: epochs of stage t+5; 0 leaves it out.
+        t5_lr: its learning rate.
+        t5_drop_epoch: its epoch from which the learning rate is multiplied by `lr_drop`.
+        lr_drop: factor on the learning rate.
+        first_scored: first frame that the loss of stage t+5 counts; 1 as in the paper, or `given` for forecasts alone.
+        init_from: checkpoint (.ckpt) or Keras arrays (.npz) whose weights training starts from.
+    """
+
+    shaping = ("variant", "channels", "feedback")
+
+    def __init__(
+        self,
+        variant: str = "dst_static",
+        given: int = 5,
+        channels: list[int] = [48, 96, 192],  # noqa: B006 - read only, and the command line shows it
+        feedback: Literal["stale", "current"] = "stale",
+        layer_weights: list[float] = [1.0],  # noqa: B006
+        t1_epochs: int = 100,
+        t1_lr: float = 1e-4,
+        t1_drop_epoch: int = 75,
+        t5_epochs: int = 100,
+        t5_lr: float = 1e-4,
+        t5_drop_epoch: int = 75,
+        lr_drop: float = 0.1,
+        first_scored: int = 1,
+        init_from: str | None = None,
+    ) -> None:
+        super().__init__(variant, given)
+        self.save_hyperparameters()
+        self.init_from = init_from
+        inputs = len(self.view.channels)
+        if not 1 <= len(layer_weights) <= len(channels) + 1 or min(layer_weights) < 0 or max(layer_weights) == 0:
+            raise UserError(
+                f"--model.layer_weights needs 1 to {len(channels) + 1} numbers, none below 0 and one above, "
+                f"not {layer_weights}"
+            )
+        if min(t1_epochs, t5_epochs) < 0 or t1_epochs + t5_epochs == 0:
+            raise UserError("--model.t1_epochs and --model.t5_epochs cannot be below 0, nor both 0")
+        signed = tuple(self.view.velocity or ())
+        self.network = PredNet((inputs, *channels), feedback=feedback, signed_channels=signed)
+        while len(layer_weights) > 1 and layer_weights[-1] == 0:
+            layer_weights = layer_weights[:-1]  # the errors of layers without weight are not worth computing
+        self.register_buffer("layer_weights", torch.tensor(layer_weights), persistent=False)
+        self.layer_weights: Tensor
+        self.entered_t5 = t1_epochs == 0
+        self.register_buffer("spread", torch.zeros(()), persistent=False)
+        self.spread: Tensor
+
+    @property
+    def epochs(self) -> int:
+        return int(self.hparams["t1_epochs"] + self.hparams["t5_epochs"])
+
+    @property
+    def stage(self) -> Literal["t1", "t5"]:
+        """The stage of the trainer's current epoch; what is not being trained is in its last stage."""
+        training = self.trainer.state.fn == TrainerFn.FITTING
+        return "t1" if training and self.trainer.current_epoch < self.hparams["t1_epochs"] else "t5"
+
+    def forecast(self, batch: WindowBatch, given: int = 5) -> Tensor:
+        frames = batch["frames"]
+        predictions = self.network(frames[:, :given], given=given, steps=frames.shape[1])
+        return self.view.probability(predictions[:, given:]).clamp(0, 1)
+
+    def t1_loss(self, frames: Tensor) -> Tensor:
+        """Error of the prediction of every frame but the first, all frames shown, weighed over layers."""
+        errors = self.network.unroll(frames, error_layers=len(self.layer_weights)).errors
+        return (errors[:, 1:].mean(dim=(0, 1)) * self.layer_weights).sum()
+
+    def t5_loss(self, frames: Tensor, predictions: Tensor) -> Tensor:
+        """Half the mean absolute error from `first_scored` on: the scale of the split errors of stage t+1."""
+        first = int(self.hparams["first_scored"])
+        return 0.5 * (frames[:, first:] - predictions[:, first:]).abs().mean()
+
+    def training_step(self, batch: WindowBatch, batch_index: int) -> Tensor:
+        frames, stage = batch["frames"], self.stage
+        loss = self.t1_loss(frames) if stage == "t1" else self.t5_loss(frames, self.network(frames, given=self.given))
+        self.log(f"train/loss_{stage}", loss, prog_bar=True, on_step=True, batch_size=len(frames))
+        return loss
+
+    def validation_step(self, batch: WindowBatch, batch_index: int) -> None:
+        frames, stage = batch["frames"], self.stage
+        predictions = self.network(frames, given=self.given)
+        loss = self.t1_loss(frames) if stage == "t1" else self.t5_loss(frames, predictions)
+        self.log(f"val/loss_{stage}", loss, batch_size=len(frames), sync_dist=True)
+        forecast = self.view.probability(predictions[:, self.given :]).clamp(0, 1)
+        self.spread = torch.maximum(self.spread, forecast.amax() - forecast.amin())
+        self.score(batch, forecast)
+
+    def on_validation_epoch_start(self) -> None:
+        self.spread.zero_()
+
+    def on_validation_epoch_end(self) -> None:
+        super().on_validation_epoch_end()
+        spread = cast(Tensor, self.all_gather(self.spread)).max()
+        if spread < DEAD and not self.trainer.sanity_checking:
+            raise UserError(
+                f"the forecast is the same everywhere (epoch {self.current_epoch}): PredNet's output has died and "
+                "will not come back; give a smaller --model.t1_lr or another --seed_everything"
+            )
+
+    def on_train_epoch_start(self) -> None:
+        if self.current_epoch == self.hparams["t1_epochs"] and not self.entered_t5:
+            self._enter_t5()
+        rate = self.learning_rate(self.current_epoch)
+        for group in self.optimizers(use_pl_optimizer=False).param_groups:  # type: ignore[union-attr]
+            group["lr"] = rate
+        self.log("lr", rate)
+        self.log("stage", float(self.stage == "t5"))
+
+    def learning_rate(self, epoch: int) -> float:
+        """The learning rate of an epoch; a function of its number alone, so that a resumed run goes on as before."""
+        h = self.hparams
+        stage, epoch = ("t1", epoch) if epoch < h["t1_epochs"] else ("t5", epoch - h["t1_epochs"])
+        return float(h[f"{stage}_lr"] * (h["lr_drop"] if epoch >= h[f"{stage}_drop_epoch"] else 1.0))
+
+    def _enter_t5(self) -> None:
+        """Start stage t+5 from the best weights of stage t+1, with a fresh optimiser."""
+        self.entered_t5 = True
+        best = next((c.best_model_path for c in self._stage_checkpoints() if c.stage == "t1"), "")
+        if best:
+            self.load_state_dict(read_checkpoint(Path(best), self.device)["state_dict"])
+            rank_zero_info(f"stage t+5 starts from {best}")
+        else:
+            rank_zero_warn("no checkpoint of stage t+1 was kept, so stage t+5 starts from its last weights")
+        self.optimizers(use_pl_optimizer=False).state.clear()  # type: ignore[union-attr]
+
+    def _stage_checkpoints(self) -> list[StageCheckpoint]:
+        callbacks: list[Callback] = self.trainer.callbacks  # type: ignore[attr-defined]
+        return [c for c in callbacks if isinstance(c, StageCheckpoint)]
+
+    def configure_optimizers(self) -> torch.optim.Adam:
+        return torch.optim.Adam(self.parameters(), lr=self.learning_rate(0), betas=(0.9, 0.999), eps=1e-8)
+
+    def configure_callbacks(self) -> list[Callback]:
+        """The best checkpoint of each stage by its own loss, and the last to resume from."""
+        if not any(isinstance(c, ModelCheckpoint) for c in self.trainer.callbacks):  # type: ignore[attr-defined]
+            return []  # checkpoints are switched off
+        last = ModelCheckpoint(filename="last", save_on_train_epoch_end=True, enable_version_counter=False)
+        return [StageCheckpoint("t1", "best_t1"), StageCheckpoint("t5", "best"), last]
+
+    def setup(self, stage: str) -> None:
+        super().setup(stage)
+        if stage != "fit":
+            return
+        # The schedule is the model's; --trainer.max_epochs can only cut it short.
+        limit = self.trainer.max_epochs
+        self.trainer.fit_loop.max_epochs = self.epochs if limit in (None, -1) else min(int(limit or 0), self.epochs)
+        if self.init_from and not self.trainer.ckpt_path:
+            self._initialise(Path(self.init_from))
+
+    def _initialise(self, file: Path) -> None:
+        if file.suffix == ".npz":
+            try:
+                with np.load(file, allow_pickle=False) as arrays:
+                    self.network.load_state_dict(PredNet.from_keras(dict(arrays)).state_dict())
+            except (OSError, ValueError, RuntimeError) as error:
+                raise UserError(f"{file}: no Keras weights of this network ({error})") from None
+        else:
+            checkpoint = read_checkpoint(file, self.device)
+            super().on_load_checkpoint(checkpoint)
+            self.load_state_dict(checkpoint["state_dict"])
+        rank_zero_info(f"weights: {file}")
+
+    def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
+        super().on_save_checkpoint(checkpoint)
+        checkpoint["entered_t5"] = self.entered_t5
+
+    def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
+        super().on_load_checkpoint(checkpoint)
+        self.entered_t5 = bool(checkpoint.get("entered_t5", self.entered_t5))
+        theirs = checkpoint.get("hyper_parameters", {})
+        if getattr(self, "_trainer", None) is not None and self.trainer.state.fn == TrainerFn.FITTING:
+            changed = [f"{k} {v} (was {theirs[k]})" for k, v in self.hparams.items() if k in theirs and theirs[k] != v]
+            if changed:
+                rank_zero_info(f"resumed with other values than before, as the command says: {', '.join(changed)}")

@@ -1,0 +1,152 @@
+"""Every picture: the command line, TensorBoard and reports call these.
+
+Grids are drawn as maps, east to the right and north up, with metres from the centre cell on the axes.  Occupancy is
+drawn as the field draws it, white free and black occupied; other colours are those of Okabe and Ito, which people with
+any kind of colour vision tell apart.
+"""
+
+import io
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import ListedColormap
+from matplotlib.figure import Figure
+from matplotlib.image import AxesImage
+from numpy.typing import NDArray
+from PIL import Image
+
+from envpred.mapping.geometry import EGO, FREE, OCCUPIED, UNKNOWN, GridSpec
+from envpred.results import PERIOD, horizon_name
+
+Grid = NDArray[np.floating] | NDArray[np.uint8]
+
+LABEL_COLOURS = {UNKNOWN: "#bbbbbb", OCCUPIED: "#000000", FREE: "#ffffff", EGO: "#e69f00"}
+LABEL_NAMES = {UNKNOWN: "unknown", OCCUPIED: "occupied", FREE: "free", EGO: "ego"}
+ORANGE, SKY, GREEN, VERMILION, GREY = "#e69f00", "#56b4e9", "#009e73", "#d55e00", "#999999"
+
+
+def figure(width: float, height: float) -> Figure:
+    """A figure of `width` x `height` inches that needs no screen and no global state."""
+    fig = Figure(figsize=(width, height), layout="constrained")
+    FigureCanvasAgg(fig)
+    return fig
+
+
+def save(fig: Figure, file: Path | str) -> Path:
+    """Write a figure to `file`, whose ending decides the format."""
+    file = Path(file)
+    file.parent.mkdir(parents=True, exist_ok=True)
+    fig.savefig(file, dpi=130)
+    return file
+
+
+def draw_grid(ax: Axes, grid: Grid, resolution: float = GridSpec().resolution, **options: Any) -> AxesImage:
+    """Draw `grid` (H, W) as a map: east right, north up, metres from the centre cell."""
+    half = grid.shape[0] // 2
+    low, high = (-half - 0.5) * resolution, (grid.shape[0] - half - 0.5) * resolution
+    return ax.imshow(grid.T, origin="lower", extent=(low, high, low, high), interpolation="nearest", **options)
+
+
+def draw_labels(ax: Axes, labels: NDArray[np.uint8], resolution: float = GridSpec().resolution) -> None:
+    """Draw a label grid (H, W) with a key of its codes."""
+    colours = ListedColormap([LABEL_COLOURS[code] for code in sorted(LABEL_COLOURS)])
+    draw_grid(ax, labels, resolution, cmap=colours, vmin=-0.5, vmax=3.5)
+    for code, name in LABEL_NAMES.items():
+        ax.plot([], [], "s", color=LABEL_COLOURS[code], markeredgecolor="#444444", label=name)
+    ax.legend(loc="upper right", fontsize=7, framealpha=0.9)
+    ax.set_xlabel("east (m)")
+    ax.set_ylabel("north (m)")
+
+
+def forecast_strip(target: Grid, forecast: Grid, horizons: Sequence[int], title: str = "") -> Figure:
+    """Targets over forecasts over their error at some `horizons` (1 is the first), each (N, H, W)."""
+    shown = [h for h in horizons if h <= len(target)]
+    fig = figure(2.2 * len(shown) + 1.0, 6.6)
+    axes = fig.subplots(3, len(shown), sharex=True, sharey=True, squeeze=False)
+    for column, h in enumerate(shown):
+        truth, guess = target[h - 1], forecast[h - 1]
+        black = draw_grid(axes[0, column], truth, cmap="gray_r", vmin=0, vmax=1)
+        draw_grid(axes[1, column], guess, cmap="gray_r", vmin=0, vmax=1)
+        error = draw_grid(axes[2, column], guess - truth, cmap="PuOr", vmin=-1, vmax=1)
+        axes[0, column].set_title(f"{horizon_name(h)}")
+        axes[2, column].set_xlabel(f"MSE {np.mean((guess - truth) ** 2):.4f}\neast (m)", fontsize=8)
+    for row, name in enumerate(("target", "forecast", "forecast - target")):
+        axes[row, 0].set_ylabel(f"{name}\nnorth (m)", fontsize=8)
+    fig.colorbar(black, ax=axes[:2], label="probability of occupied", shrink=0.7)
+    fig.colorbar(error, ax=axes[2], label="error", shrink=0.9)
+    fig.suptitle(title, fontsize=10)
+    return fig
+
+
+def error_curve(curves: dict[str, tuple[Sequence[float], Sequence[float]]]) -> Figure:
+    """MSE per horizon with a band of one standard error; `curves` maps a name to (mean, standard error)."""
+    fig = figure(5.5, 3.6)
+    ax = fig.subplots()
+    for (name, (mean, error)), colour in zip(curves.items(), (SKY, GREY, VERMILION, GREEN, ORANGE) * 4, strict=False):
+        seconds = PERIOD * np.arange(1, len(mean) + 1)
+        ax.plot(seconds, mean, label=name, color=colour)
+        ax.fill_between(seconds, np.subtract(mean, error), np.add(mean, error), color=colour, alpha=0.25, linewidth=0)
+    ax.set_xlabel("horizon (s)")
+    ax.set_ylabel("MSE of probability of occupied")
+    ax.set_ylim(bottom=0)
+    ax.legend()
+    ax.grid(alpha=0.3)
+    return fig
+
+
+def animation(target: Grid, forecast: Grid, given: int, scale: int = 2, milliseconds: int = 200) -> bytes:
+    """A GIF that plays a window: `target` (T, H, W) at the left, shown frames then `forecast` (T - given, H, W) right.
+
+    The right half gets an orange rim from the first forecast on.
+    """
+    right = np.concatenate([target[:given], forecast])
+    frames = []
+    for t in range(len(target)):
+        tiles = []
+        for grid, marked in ((target[t], False), (right[t], t >= given)):
+            grey = (255 * (1 - np.clip(grid, 0, 1))).astype(np.uint8).T[::-1]  # as a map: north up
+            tile = np.repeat(grey.repeat(scale, 0).repeat(scale, 1)[..., None], 3, axis=2)
+            rim = np.array([230, 159, 0] if marked else [150, 150, 150], np.uint8)
+            tile[:3] = tile[-3:] = rim
+            tile[:, :3] = tile[:, -3:] = rim
+            tiles.append(tile)
+        frames.append(Image.fromarray(np.concatenate(tiles, axis=1)))
+    out = io.BytesIO()
+    frames[0].save(out, "GIF", save_all=True, append_images=frames[1:], duration=milliseconds, loop=0)
+    return out.getvalue()
+
+
+def ground_comparison(points: NDArray[np.float32], verdicts: dict[str, NDArray[np.bool_]]) -> Figure:
+    """One scan from above, in the sensor frame: obstacle points of each method, and where the methods differ.
+
+    Args:
+        points: (N, >=3) in metres.
+        verdicts: for two methods by name, which points are obstacles (N,).
+    """
+    (first, a), (second, b) = verdicts.items()
+    fig = figure(13, 4.8)
+    axes = fig.subplots(1, 3, sharex=True, sharey=True)
+    layers = [
+        (f"obstacles of {first}", [(a, "#000000", "obstacle"), (~a, "#dddddd", "ground")]),
+        (f"obstacles of {second}", [(b, "#000000", "obstacle"), (~b, "#dddddd", "ground")]),
+        (
+            "where they differ",
+            [(~(a ^ b), "#dddddd", "same"), (a & ~b, VERMILION, f"only {first}"), (b & ~a, SKY, f"only {second}")],
+        ),
+    ]
+    near = (np.abs(points[:, :2]) < 25).all(axis=1)
+    for ax, (title, parts) in zip(axes, layers, strict=True):
+        for chosen, colour, name in sorted(parts, key=lambda part: part[1] != "#dddddd"):
+            x, y = points[near & chosen, 0], points[near & chosen, 1]
+            ax.plot(x, y, ",", color=colour)
+            ax.plot([], [], "s", color=colour, label=f"{name} ({np.count_nonzero(near & chosen):,})")
+        ax.set_title(title)
+        ax.set_xlabel("forward (m)")
+        ax.set_aspect("equal")
+        ax.legend(loc="upper right", fontsize=7)
+    axes[0].set_ylabel("left (m)")
+    return fig
