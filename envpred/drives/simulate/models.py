@@ -24,10 +24,10 @@ def road_user(kind: int, length: float, width: float, light: bool = True, phase:
 
 @lru_cache(maxsize=256)
 def size_of(kind: int, length: float, width: float) -> tuple[float, float, float]:
-    """Length, width, height in metres of a road user's box."""
-    low, high = (v(road_user(kind, length, width).vertices, axis=0) for v in (np.min, np.max))
-    extent = 2 * np.maximum(np.abs(low), np.abs(high))
-    return float(extent[0]), float(extent[1]), float(high[2])
+    """Length, width, height in metres of a road user's box, whatever its posture."""
+    vertices = np.concatenate([road_user(kind, length, width, phase=phase).vertices for phase in range(PHASES)])
+    along, across, up = np.abs(vertices).max(axis=0)
+    return float(2 * along), float(2 * across), float(up)
 
 
 def class_of(kind: int, moving: bool) -> int:

@@ -155,7 +155,7 @@ def _choose(motions: list[Motion], frames: int, rng: np.random.Generator, town: 
             f"--frames {frames}: no car of the recording's town {town} drives that long (the longest {longest} frames); "
             "ask for fewer frames or record more seconds of traffic"
         )
-    wanted = rng.uniform(1.5, 12.5)
+    wanted = rng.uniform(1.0, 11.5)
     best = (np.inf, 0, 0)
     for track in rng.choice(able, _TRIES, p=(room[able] + 1) / (room[able] + 1).sum()):
         first = int(rng.integers(0, room[track] + 1))

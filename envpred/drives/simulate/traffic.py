@@ -22,6 +22,7 @@ RATE = 10.0  # scans a second
 _VERSION = 1
 _UNIT = 0.01  # metres: positions are stored in whole centimetres
 _SMOOTH = 3.0  # standard deviation, in scans, that takes the corners out of SUMO's paths
+_TOW_STEPS = 5  # steps from scan to scan in which the rear axle is towed
 _REAR_AXLE = 0.80  # share of a vehicle's length between its front and its rear axle
 
 
@@ -167,8 +168,10 @@ def _tow(front, drawbar, heading):  # type: ignore[no-untyped-def]
     headings = np.empty(len(front))
     x, y = front[0, 0] - drawbar * np.cos(heading), front[0, 1] - drawbar * np.sin(heading)
     for k in range(len(front)):
-        heading = np.arctan2(front[k, 1] - y, front[k, 0] - x)
-        x, y = front[k, 0] - drawbar * np.cos(heading), front[k, 1] - drawbar * np.sin(heading)
+        for part in range(1, _TOW_STEPS + 1):
+            ahead = front[max(k - 1, 0)] + part / _TOW_STEPS * (front[k] - front[max(k - 1, 0)])
+            heading = np.arctan2(ahead[1] - y, ahead[0] - x)
+            x, y = ahead[0] - drawbar * np.cos(heading), ahead[1] - drawbar * np.sin(heading)
         headings[k] = heading
     return headings
 
