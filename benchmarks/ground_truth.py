@@ -9,8 +9,8 @@ judged points of all scans.  A scan is sloped if its true ground strays from one
 deviation), else flat.  Patchwork++ joins if `pypatchworkpp` is installed (`pip install envpred[bench]`), with its own
 defaults but for the sensor's height.
 
-Free space: the share of free cells of the label grid that hold a return from something higher than ground and lower than
-2 m above the road (vegetation counts here), and the share whose centre lies in the true box of an object.
+Free space: the share of free cells of the label grid that hold a return from something that is no ground and is lower
+than 2 m above the road (vegetation counts here), and the share whose centre lies in the true box of an object.
 """
 
 import argparse
@@ -28,8 +28,7 @@ from numpy.typing import NDArray
 
 from envpred.drives.drive import Drive, find_drives
 from envpred.drives.kitti import KittiDrive
-from envpred.drives.simulate import labels as L
-from envpred.drives.simulate import simulate, tracklets
+from envpred.drives.simulate import classes, simulate, tracklets
 from envpred.mapping.geometry import FREE, GridSpec
 from envpred.mapping.ground import REACH, MarkovRandomField, RansacPlane
 from envpred.mapping.label_grid import RayCasting
@@ -88,7 +87,7 @@ def silent() -> Iterator[None]:
 def read_truth(drive: Drive, frame: int) -> NDArray[np.uint16]:
     """Class numbers (N,) of a simulated scan's points."""
     assert isinstance(drive, KittiDrive)
-    return L.semantic(np.fromfile(drive.folder / "labels" / f"{frame:010d}.label", np.uint32))
+    return classes.semantic(np.fromfile(drive.folder / "labels" / f"{frame:010d}.label", np.uint32))
 
 
 def is_sloped(ground: NDArray[np.float32]) -> bool:
@@ -105,8 +104,10 @@ def score_ground(drives: list[Drive], every: int) -> dict[tuple[str, str], tuple
         methods = segmenters()
         for frame in drive.frames[::every]:
             points, truth = drive.scan(frame), read_truth(drive, frame)
-            ground = np.isin(truth, L.GROUND)
-            judged = (np.abs(points[:, :2]) <= REACH).all(axis=1) & (points[:, 2] <= CEILING) & (truth != L.VEGETATION)
+            ground = np.isin(truth, classes.GROUND)
+            judged = (
+                (np.abs(points[:, :2]) <= REACH).all(axis=1) & (points[:, 2] <= CEILING) & (truth != classes.VEGETATION)
+            )
             where = "sloped" if is_sloped(points[ground & judged, :3]) else "flat"
             for name, obstacles in methods.items():
                 said = ~obstacles(points)[judged]
@@ -130,7 +131,7 @@ def share_beside_objects(drives: list[Drive], every: int) -> float:
     for drive in drives:
         for frame in drive.frames[::every]:
             points, truth = drive.scan(frame), read_truth(drive, frame)
-            ground = np.isin(truth, L.GROUND)
+            ground = np.isin(truth, classes.GROUND)
             cells = np.round(points[:, :2] / field.cell).astype(np.int64) @ [1 << 20, 1]
             missed = cells[ground & field.obstacles(points)]
             lost += len(missed)
@@ -152,7 +153,7 @@ def score_free(drives: list[Drive], every: int) -> tuple[float, float]:
             label = RayCasting().label(points, MarkovRandomField().obstacles(points), sensor, centres[k], origin, spec)
             is_free = label == FREE
             free += int(is_free.sum())
-            thing = ~np.isin(read_truth(drive, frame), L.GROUND) & (points[:, 2] < 2.0 - SENSOR_HEIGHT)
+            thing = ~np.isin(read_truth(drive, frame), classes.GROUND) & (points[:, 2] < 2.0 - SENSOR_HEIGHT)
             world = points[thing, :3] @ sensor[:3, :3].T + sensor[:3, 3]
             cells = spec.cell_of(world, origin) - centres[k] + spec.half
             cells = cells[((cells >= 0) & (cells < spec.cells)).all(axis=1)]
@@ -188,7 +189,9 @@ def _covered(
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("folder", nargs="?", type=Path, help="simulated drives; by default 8 drives of 60 scans are made")
+    parser.add_argument(
+        "folder", nargs="?", type=Path, help="simulated drives; by default 8 drives of 60 scans are made"
+    )
     parser.add_argument("--every", type=int, default=2, help="score every so many scans")
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as made:

@@ -6,8 +6,7 @@ from embreex.rtcore import EmbreeDevice
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from envpred.drives.simulate import labels as L
-from envpred.drives.simulate import models
+from envpred.drives.simulate import classes, furniture, models
 from envpred.drives.simulate.lidar import HDL64E, Target
 from envpred.drives.simulate.mesh import Mesh, box, join
 from envpred.drives.simulate.traffic import KINDS
@@ -22,7 +21,7 @@ def pose_at(x: float = 0.0, y: float = 0.0, z: float = 1.73, yaw: float = 0.0) -
 
 
 def plane(size: float = 300.0) -> Mesh:
-    return box((-size, size), (-size, size), (-1.0, 0.0), L.ROAD, "asphalt")
+    return box((-size, size), (-size, size), (-1.0, 0.0), classes.ROAD, "asphalt")
 
 
 def test_beams_are_those_of_the_manual() -> None:
@@ -46,7 +45,7 @@ def test_most_rays_leave_and_the_own_roof_hides_what_is_behind_and_below() -> No
 
 def test_a_plane_lies_where_it_is_with_the_noise_of_the_sensor() -> None:
     points, words = SENSOR.scan(Target(plane(), DEVICE), None, pose_at(), np.random.default_rng(0))
-    assert (words == L.ROAD).all()
+    assert (words == classes.ROAD).all()
     distance = np.linalg.norm(points[:, :3], axis=1)
     true = 1.73 / -(points[:, 2] / distance)
     near = true < 40
@@ -70,16 +69,19 @@ def test_points_are_ordered_beam_by_beam_as_in_kittis_files() -> None:
 
 
 def test_the_nearer_of_standing_and_moving_is_seen_in_either_order() -> None:
-    wall = box((10.0, 10.2), (-5, 5), (0, 3), L.BUILDING, "plaster")
-    car = box((6.0, 8.0), (-1, 1), (0, 1.5), L.MOVING_CAR, "paint_light").at(0, 0, 0, 0, 7)
-    for still, moving, wanted in ((wall, car, {L.BUILDING, L.MOVING_CAR}), (car, wall, {L.BUILDING, L.MOVING_CAR})):
+    wall = box((10.0, 10.2), (-5, 5), (0, 3), classes.BUILDING, "plaster")
+    car = box((6.0, 8.0), (-1, 1), (0, 1.5), classes.MOVING_CAR, "paint_light").at(0, 0, 0, 0, 7)
+    for still, moving, wanted in (
+        (wall, car, {classes.BUILDING, classes.MOVING_CAR}),
+        (car, wall, {classes.BUILDING, classes.MOVING_CAR}),
+    ):
         scene = Target(join([plane(), still]), DEVICE)
         points, words = SENSOR.scan(scene, Target(moving, DEVICE), pose_at(), np.random.default_rng(0))
         ahead = (np.abs(np.arctan2(points[:, 1], points[:, 0])) < 0.1) & (points[:, 2] > -1.2)
         low = ahead & (points[:, 2] < -0.45)
-        assert set(L.semantic(words[low])) == {L.MOVING_CAR}
-        assert (L.instance(words[low]) == 7).all()
-        assert set(L.semantic(words[ahead])) == wanted
+        assert set(classes.semantic(words[low])) == {classes.MOVING_CAR}
+        assert (classes.instance(words[low]) == 7).all()
+        assert set(classes.semantic(words[ahead])) == wanted
         np.testing.assert_allclose(points[low, 0], 6.0, atol=0.1)
 
 
@@ -91,13 +93,17 @@ def test_the_nearer_of_standing_and_moving_is_seen_in_either_order() -> None:
     yaw=st.floats(-3.1, 3.1),
     kind=st.sampled_from(range(len(KINDS))),
 )
-def test_the_firings_that_are_cast_at_what_moves_miss_nothing(x: float, y: float, heading: float, yaw: float, kind: int) -> None:
+def test_the_firings_that_are_cast_at_what_moves_miss_nothing(
+    x: float, y: float, heading: float, yaw: float, kind: int
+) -> None:
     """Casting at a chosen part of the firings sees the same points as casting all rays."""
     if np.hypot(x, y) < 4:
         x += 10
     body = models.road_user(kind, 4.5, 1.8).at(x, y, 0, heading, 1)
     pose = pose_at(yaw=yaw)
-    hits = Target(body, DEVICE).hit(pose[:3, 3].astype(np.float32), SENSOR.directions @ pose[:3, :3].T.astype(np.float32))
+    hits = Target(body, DEVICE).hit(
+        pose[:3, 3].astype(np.float32), SENSOR.directions @ pose[:3, :3].T.astype(np.float32)
+    )
     struck = np.unique(SENSOR.column[hits["primID"] >= 0])
     chosen = SENSOR._towards(body, pose)
     assert chosen[struck].all()
@@ -126,12 +132,15 @@ def test_road_users_have_their_size(kind: str, length: float, width: float, size
 
 def test_light_falls_through_leaves_but_not_through_walls() -> None:
     rng = np.random.default_rng(0)
-    rays = np.tile(np.float32([1, 0, 0]), (400, 1))
+    rays = np.tile(np.array([1, 0, 0], np.float32), (400, 1))
     rays[:, 1] = np.linspace(-0.1, 0.1, 400)
     eye = np.array([-8, 0, 3.0], np.float32)
     through = {
         name: (Target(model, DEVICE).hit(eye, rays)["primID"] < 0).mean()
-        for name, model in {"tree": models.tree(6, 1.5, 1.5, rng), "wall": models.wall(8, 4).at(0, 0, 0, np.pi / 2)}.items()
+        for name, model in {
+            "tree": furniture.tree(6, 1.5, 1.5, rng),
+            "wall": furniture.wall(8, 4).at(0, 0, 0, np.pi / 2),
+        }.items()
     }
     assert 0.1 < through["tree"] < 0.9
     assert through["wall"] == 0

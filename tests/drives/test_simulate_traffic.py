@@ -19,13 +19,16 @@ def recording_of(*tracks: Track) -> Recording:
 
 def test_what_is_saved_is_loaded_to_the_centimetre(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
-    tracks = [Track(2, 7.8, 2.4, 3, 0.5, rng.uniform(-400, 400, (9, 2))), Track(4, 0.5, 0.6, 0, -1.0, rng.uniform(0, 9, (4, 2)))]
+    tracks = [
+        Track(2, 7.8, 2.4, 3, 0.5, rng.uniform(-400, 400, (9, 2))),
+        Track(4, 0.5, 0.6, 0, -1.0, rng.uniform(0, 9, (4, 2))),
+    ]
     recording_of(*tracks).save(tmp_path / "r.npz")
     back = Recording.load(tmp_path / "r.npz")
     town = back.networks[0]
     assert (back.interval, back.seconds, town.name) == (0.5, 60.0, "here")
     assert town.lanes[0][:2] == (LANES.index("driving"), 3.0)
-    np.testing.assert_allclose(town.lanes[0][2], [[0, 0], [50, 1.23]], atol=1e-9)
+    np.testing.assert_allclose(town.lanes[0][2], np.array([[0, 0], [50, 1.23]]), atol=1e-9)
     for old, new in zip(tracks, town.tracks, strict=True):
         assert (new.kind, new.start) == (old.kind, old.start)
         assert (new.length, new.width, new.heading) == pytest.approx((old.length, old.width, old.heading))
@@ -48,7 +51,7 @@ def test_a_car_on_a_straight_drives_straight() -> None:
 
 
 def test_the_rear_axle_cuts_the_corner_as_a_towed_axle_does() -> None:
-    """On a circle of radius R a drawbar d leaves the rear axle on one of sqrt(R^2 - d^2), its heading behind the tangent."""
+    """On a circle of radius R a drawbar d leaves the rear axle on one of radius sqrt(R^2 - d^2)."""
     radius, drawbar, speed = 12.0, 0.8 * 5.0, 5.0
     angle = np.arange(120) * 0.5 * speed / radius
     front = radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)

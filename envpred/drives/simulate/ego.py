@@ -49,7 +49,7 @@ class EgoMotion:
 
 
 def drive_over(motion: Motion, terrain: Terrain, first: int, frames: int, rng: np.random.Generator) -> EgoMotion:
-    """The body's motion over the `frames` from position `first` of a track on: wheels on the ground, body on springs."""
+    """The body's motion over `frames` from position `first` of a track on: wheels on the ground, body on springs."""
     before = min(first, 20)  # frames around the drive that filters and differences look at
     after = min(len(motion.heading) - first - frames, 20)
     part = slice(first - before, first + frames + after)
@@ -64,7 +64,12 @@ def drive_over(motion: Motion, terrain: Terrain, first: int, frames: int, rng: n
     right_side, left_side = (wheel[0, y] + wheel[1, y] for y in (-1, 1))
     flat = np.gradient(axle, 1 / RATE, axis=0)
     push = np.gradient(flat, 1 / RATE, axis=0)
-    sway = 0.0015 * gaussian_filter1d(rng.normal(size=(len(yaw), 2)), 2.0, axis=0) * 4 * np.tanh(np.hypot(*flat.T) / 3)[:, None]
+    sway = (
+        0.0015
+        * gaussian_filter1d(rng.normal(size=(len(yaw), 2)), 2.0, axis=0)
+        * 4
+        * np.tanh(np.hypot(*flat.T) / 3)[:, None]
+    )
     pitch = -np.arctan((front - rear) / (2 * _WHEELBASE)) - _DIVE * (push * ahead).sum(1) + sway[:, 0]
     roll = np.arctan((left_side - right_side) / (2 * _TRACK)) + _LEAN * (push * left).sum(1) + sway[:, 1]
     angles = gaussian_filter1d(np.stack([roll, pitch, yaw], 1), 1.0, axis=0)
@@ -86,7 +91,7 @@ def oxts_packets(ego: EgoMotion, rng: np.random.Generator) -> list[str]:
     rotation = ego.pose[:, :3, :3]
     level = _rotation(np.column_stack([np.zeros((len(rotation), 2)), ego.angles[:, 2]]))
     to_body, to_level = np.swapaxes(rotation, 1, 2), np.swapaxes(level, 1, 2)
-    force = ego.acceleration + [0, 0, _GRAVITY]
+    force = ego.acceleration + np.array([0, 0, _GRAVITY])
     along = (to_level @ ego.velocity[..., None])[..., 0]
     felt, felt_level = (to_body @ force[..., None])[..., 0], (to_level @ force[..., None])[..., 0]
     rate_level = (to_level @ rotation @ ego.rate[..., None])[..., 0]
@@ -112,7 +117,7 @@ def _rotation(angles: FloatArray) -> FloatArray:
 
 
 def _geodetic(places: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Latitude and longitude in degrees: the inverse of the Mercator map that KITTI's tools use, scaled at the first."""
+    """Latitude and longitude in degrees: the inverse of KITTI's Mercator map, which is scaled at the first place."""
     scale = np.cos(np.radians(_LATITUDE))
     for _ in range(20):  # the scale is that of the first packet, which depends on itself
         north = scale * _EARTH * np.log(np.tan(np.pi / 4 + np.radians(_LATITUDE) / 2)) + places[:, 1]
@@ -120,5 +125,3 @@ def _geodetic(places: FloatArray) -> tuple[FloatArray, FloatArray]:
         scale = np.cos(latitude[0])
     longitude = np.radians(_LONGITUDE) + places[:, 0] / (scale * _EARTH)
     return np.degrees(latitude), np.degrees(longitude)
-
-

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from envpred.drives.simulate import models
+from envpred.drives.simulate import furniture, models
 from envpred.drives.simulate.mesh import FloatArray, Mesh
 from envpred.drives.simulate.terrain import CELL, MARGIN, Terrain
 from envpred.drives.simulate.traffic import KINDS, LANES, Network
@@ -103,7 +103,7 @@ class Layout:
             if self._claim(place, heading, share * front, share * depth):
                 roof = self.rng.uniform(2, 4) if self.style.height[0] < 9 else 0.0
                 height = self.rng.uniform(*self.style.height)
-                house = models.house(share * front, share * depth, height, roof, self.rng)
+                house = furniture.house(share * front, share * depth, height, roof, self.rng)
                 self._stand(house, place, heading + np.pi)  # a house's front looks towards -y
                 return True
         return False
@@ -130,7 +130,7 @@ class Layout:
         elif gap > 2.8 and what < 0.75:
             place, heading = _beside(line, s + gap / 2, edge + max(setback, 1.0) + rng.uniform(6.5, 9))
             if self._claim(place, heading, min(gap, 3.2), 5.5):
-                self._stand(models.house(min(gap, 3.2), 5.5, 2.6, 0.0, rng), place, heading + np.pi)
+                self._stand(furniture.house(min(gap, 3.2), 5.5, 2.6, 0.0, rng), place, heading + np.pi)
             if rng.random() < 0.5:
                 self._park(_beside(line, s + gap / 2, edge + 3.2), np.pi / 2)
 
@@ -143,9 +143,9 @@ class Layout:
             if part < 0.6 or self._blocked(place, heading, part, 0.3):
                 continue
             model = {
-                "hedge": lambda: models.hedge(part + 0.1, self.rng.uniform(0.6, 1.4), height, self.rng),
-                "wall": lambda: models.wall(part + 0.1, height),
-                "fence": lambda: models.fence(part, max(height, 0.9)),
+                "hedge": lambda: furniture.hedge(part + 0.1, self.rng.uniform(0.6, 1.4), height, self.rng),
+                "wall": lambda: furniture.wall(part + 0.1, height),
+                "fence": lambda: furniture.fence(part, max(height, 0.9)),
             }[kind]()
             self._stand(model, place, heading)
 
@@ -154,21 +154,23 @@ class Layout:
         rng, length, kerb = self.rng, _length(line), -width / 2 + 0.35
         for s in np.arange(rng.uniform(2, 20), length, rng.uniform(24, 36)):
             place, heading = _beside(line, float(s), kerb)
-            self._stand(models.pole(rng.uniform(5, 8), rng.uniform(0.06, 0.1)), place, heading + np.pi / 2)
+            self._stand(furniture.pole(rng.uniform(5, 8), rng.uniform(0.06, 0.1)), place, heading + np.pi / 2)
         if rng.random() < self.style.alley:
             size = rng.uniform(0.8, 1.3)
             for s in np.arange(rng.uniform(3, 9), length - 3, rng.uniform(8, 15)):
-                crown = models.tree(rng.uniform(6, 9) * size, rng.uniform(1.5, 2.4) * size, rng.uniform(2.2, 3.2), rng)
+                crown = furniture.tree(
+                    rng.uniform(6, 9) * size, rng.uniform(1.5, 2.4) * size, rng.uniform(2.2, 3.2), rng
+                )
                 self._stand(crown, _beside(line, float(s), kerb + 0.1)[0], rng.uniform(0, 6))
         if length > 12:
             for s in (length - rng.uniform(1, 3), rng.uniform(8, length - 4)):
                 place, heading = _beside(line, s, kerb)
-                self._stand(models.sign(rng.uniform(2.2, 3.0)), place, heading + np.pi)
+                self._stand(furniture.sign(rng.uniform(2.2, 3.0)), place, heading + np.pi)
         for s in rng.uniform(0, length, rng.poisson(length / 35)):
             place, heading = _beside(line, float(s), width / 2 - 0.3)
             what = rng.random()
             if what < 0.5:
-                self._stand(models.bin_box(rng.uniform(0.5, 1.4), 0.5, rng.uniform(0.8, 1.3)), place, heading)
+                self._stand(furniture.bin_box(rng.uniform(0.5, 1.4), 0.5, rng.uniform(0.8, 1.3)), place, heading)
             elif what < 0.75:
                 for k in range(int(rng.integers(1, 5))):
                     spot, along = _beside(line, float(s) + 0.6 * k, width / 2 - 0.6)
@@ -181,7 +183,9 @@ class Layout:
         s = rng.uniform(1, 6)
         while s < length - 6:
             if rng.random() < self.style.parked:
-                s += self._park(_beside(line, s + 2.6, rng.normal(0, 0.12)), rng.normal(0, 0.02)) + rng.uniform(0.5, 1.8)
+                s += self._park(_beside(line, s + 2.6, rng.normal(0, 0.12)), rng.normal(0, 0.02)) + rng.uniform(
+                    0.5, 1.8
+                )
             else:
                 s += rng.uniform(3, 8)
 
@@ -201,9 +205,11 @@ class Layout:
         if self._blocked(place, 0.0, 1.0, 1.0):
             return
         if rng.random() < 0.45:
-            self._stand(models.tree(rng.uniform(4, 9), rng.uniform(1.2, 2.6), rng.uniform(1.2, 2.4), rng), place, 0.0)
+            self._stand(
+                furniture.tree(rng.uniform(4, 9), rng.uniform(1.2, 2.6), rng.uniform(1.2, 2.4), rng), place, 0.0
+            )
         else:
-            self._stand(models.bush(rng.uniform(0.5, 1.3), rng.uniform(0.6, 2.0), rng), place, 0.0)
+            self._stand(furniture.bush(rng.uniform(0.5, 1.3), rng.uniform(0.6, 2.0), rng), place, 0.0)
 
     def _back_land(self) -> None:
         """Trees and bushes away from the streets, one for every 400 square metres of free ground or so."""
@@ -217,7 +223,8 @@ class Layout:
         along, across = (np.linspace(-v / 2, v / 2, int(np.ceil(v / CELL)) + 1) for v in (length, width))
         x, y = (v.ravel() for v in np.meshgrid(along, across, indexing="ij"))
         c, s = np.cos(heading), np.sin(heading)
-        return np.array(place) + np.stack([c * x - s * y, s * x + c * y], axis=1)
+        corners: FloatArray = np.array(place) + np.stack([c * x - s * y, s * x + c * y], axis=1)
+        return corners
 
     def _blocked(self, place: tuple[float, float], heading: float, length: float, width: float) -> bool:
         cells = self.terrain.cell(self._footprint(place, heading, length, width))
@@ -256,9 +263,7 @@ def _beside(line: FloatArray, s: float, side: float) -> tuple[tuple[float, float
     step = np.diff(line, axis=0)
     reach = np.hypot(*step.T)
     ends = reach.cumsum()
-    k = int(min(np.searchsorted(ends, s), len(step) - 1))
+    k = min(int(np.searchsorted(ends, s)), len(step) - 1)
     along = step[k] / max(reach[k], 1e-9)
     x, y = line[k] + (s - (ends[k] - reach[k])) * along + side * np.array([along[1], -along[0]])
     return (float(x), float(y)), float(np.arctan2(along[1], along[0]))
-
-

@@ -6,6 +6,7 @@ turn bends nothing.
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from embreex.mesh_construction import TriangleMesh
@@ -25,12 +26,13 @@ class Target:
         self.mesh = mesh
         self._scene = EmbreeScene(device=device)
         TriangleMesh(self._scene, np.ascontiguousarray(mesh.vertices), np.ascontiguousarray(mesh.faces))
-        self.word = mesh.label.astype(np.uint32) | mesh.instance.astype(np.uint32) << 16
+        instance: NDArray[np.uint32] = mesh.instance.astype(np.uint32)
+        self.word: NDArray[np.uint32] = mesh.label | (instance << np.uint32(16))
 
-    def hit(self, origin: NDArray[np.float32], directions: NDArray[np.float32]) -> dict[str, NDArray[np.generic]]:
+    def hit(self, origin: NDArray[np.float32], directions: NDArray[np.float32]) -> dict[str, NDArray[Any]]:
         """First hits of rays (N, 3) from `origin` (3,): tfar (N,) metres, primID (N,) face or -1, Ng (N, 3) normals."""
         starts = np.broadcast_to(origin, directions.shape).copy()
-        hits: dict[str, NDArray[np.generic]] = self._scene.run(starts, directions, output=True)
+        hits: dict[str, NDArray[Any]] = self._scene.run(starts, directions, output=True)
         return hits
 
 
@@ -58,7 +60,8 @@ class HDL64E:
         """(64,) radians, top beam first: two blocks of 32 lasers, 1/3 and 1/2 degree apart."""
         upper = 2.0 - np.arange(32) / 3
         lower = -8.83 - np.arange(32) / 2
-        return np.radians(np.concatenate([upper, lower]))
+        angles: FloatArray = np.radians(np.concatenate([upper, lower]))
+        return angles
 
     @cached_property
     def azimuth(self) -> FloatArray:
@@ -89,7 +92,8 @@ class HDL64E:
         hidden |= (beam > 46) & (beam < 60) & (np.abs(degrees - 290) < 8)
         hidden |= (beam > 54) & ((np.abs(degrees - 135) < 4) | (np.abs(degrees - 234) < 4))
         hidden |= (beam > 58) & (ahead < 10 + 3 * (beam - 59))
-        return ~hidden.ravel()
+        seen: NDArray[np.bool_] = ~hidden.ravel()
+        return seen
 
     def scan(
         self, still: Target, moving: Target | None, pose: FloatArray, rng: np.random.Generator
@@ -103,8 +107,8 @@ class HDL64E:
             near = _strike(moving, origin, rays[chosen])
             closer = near[0] < distance[chosen]
             chosen = chosen[closer]
-            for old, new in zip((distance, word, material, cosine), near, strict=True):
-                old[chosen] = new[closer]
+            distance[chosen], word[chosen] = near[0][closer], near[1][closer]
+            material[chosen], cosine[chosen] = near[2][closer], near[3][closer]
         draw = rng.random((2, len(rays)), np.float32)
         noise = rng.standard_normal(len(rays), np.float32)
         light = _REFLECTANCE[material] * cosine
@@ -130,8 +134,8 @@ class HDL64E:
         marks = np.zeros(3 * self.columns + 1, np.intp)
         np.add.at(marks, np.clip(low + self.columns, 0, None), 1)
         np.add.at(marks, np.clip(high + self.columns, None, 3 * self.columns), -1)
-        covered: NDArray[np.bool_] = (marks.cumsum()[:-1].reshape(3, self.columns) > 0).any(axis=0)
-        return covered
+        covered = marks.cumsum()[:-1].reshape(3, self.columns).max(axis=0) > 0
+        return np.asarray(covered)
 
 
 def _strike(
@@ -145,5 +149,5 @@ def _strike(
     distance = hits["tfar"].astype(np.float32)
     distance[missed] = np.inf
     length = np.sqrt(np.einsum("ij,ij->i", normal, normal))
-    cosine = np.abs(np.einsum("ij,ij->i", normal, rays)) / np.maximum(length, 1e-12)
+    cosine: NDArray[np.float32] = np.abs(np.einsum("ij,ij->i", normal, rays)) / np.maximum(length, np.float32(1e-12))
     return distance, target.word[face], target.mesh.material[face], cosine

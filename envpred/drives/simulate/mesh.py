@@ -80,8 +80,13 @@ _QUADS = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2
 _BOX_FACES = np.concatenate([_QUADS[:, [0, 1, 2]], _QUADS[:, [0, 2, 3]]])
 
 
-def frustum(lower: tuple[float, float, float, float], upper: tuple[float, float, float, float], z: tuple[float, float],
-            label: int, material: str) -> Mesh:
+def frustum(
+    lower: tuple[float, float, float, float],
+    upper: tuple[float, float, float, float],
+    z: tuple[float, float],
+    label: int,
+    material: str,
+) -> Mesh:
     """A solid between two rectangles (x0, x1, y0, y1) at the heights `z`; equal rectangles give a box."""
     corners = [(r[i], r[2 + j], h) for i in (0, 1) for j in (0, 1) for r, h in ((lower, z[0]), (upper, z[1]))]
     return mesh(corners, _BOX_FACES, label, material)
@@ -103,7 +108,9 @@ def prism(outline: FloatArray, y: tuple[float, float], label: int, material: str
     return mesh(np.concatenate([left, right]), np.concatenate([fan, fan + n, *sides]), label, material)
 
 
-def column(radius: float, z: tuple[float, float], label: int, material: str, sides: int = 8, top: float | None = None) -> Mesh:
+def column(
+    radius: float, z: tuple[float, float], label: int, material: str, sides: int = 8, top: float | None = None
+) -> Mesh:
     """An upright round column (a cone if `top`, its upper radius, differs) around the origin."""
     angle = np.arange(sides) * 2 * np.pi / sides
     circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
@@ -123,6 +130,6 @@ def wheel(x: float, y: tuple[float, float], radius: float, label: int, material:
 
 
 def leaves(centres: FloatArray, size: float, label: int, rng: np.random.Generator) -> Mesh:
-    """A cloud of triangles about `size` metres wide around the `centres` (n, 3): light falls through it as through leaves."""
+    """A loose cloud of triangles, about `size` metres wide, around the `centres` (n, 3); light falls through it."""
     corners = centres[:, None, :] + rng.normal(0, size / 2, (len(centres), 3, 3))
     return mesh(corners.reshape(-1, 3), np.arange(3 * len(centres)), label, "leaves")

@@ -9,7 +9,7 @@ from matplotlib.patches import Polygon
 from numpy.typing import NDArray
 
 from envpred.drives.drive import read_points
-from envpred.drives.simulate import labels as L
+from envpred.drives.simulate import classes
 from envpred.drives.simulate.mesh import FloatArray
 from envpred.drives.simulate.traffic import KINDS, LANES, RATE, Recording
 
@@ -25,14 +25,19 @@ def scan_picture(drive: Path, frame: int, reach: float = 45.0) -> Figure:
     points = read_points(drive / "velodyne_points" / "data" / f"{frame:010d}.bin")
     words = np.fromfile(drive / "labels" / f"{frame:010d}.label", np.uint32)
     colours = np.full((65536, 3), 0.6)
-    for number, colour in L.COLOURS.items():
+    for number, colour in classes.COLOURS.items():
         colours[number] = np.array(colour) / 255
     across, up, depth = _project(points[:, :3].astype(np.float64))
     drawn = (depth > 1) & (np.abs(points[:, :2]).max(axis=1) < reach)
     order = np.flatnonzero(drawn)[np.argsort(-depth[drawn])]
     figure, axes = plt.subplots(figsize=(12, 6.5), facecolor="black")
     axes.scatter(
-        across[order], up[order], s=24 / depth[order], c=colours[L.semantic(words[order])], linewidths=0, rasterized=True
+        across[order],
+        up[order],
+        s=24 / depth[order],
+        c=colours[classes.semantic(words[order])],
+        linewidths=0,
+        rasterized=True,
     )
     axes.set(xlim=(-0.95, 0.95), ylim=(-0.62, 0.30), aspect="equal", facecolor="black")
     axes.axis("off")
@@ -61,17 +66,18 @@ def traffic_picture(recording: Recording, network: int, second: float) -> Figure
             continue
         outline = _widened(line, width)
         axes.add_patch(Polygon(outline, color=_SHADES[LANES[kind]], lw=0, zorder=1 + order.index(LANES[kind])))
-    now, shown = round(second * RATE), set()
+    now = round(second * RATE)
+    shown: set[str] = set()
     for motion in recording.motions(network):
         k = now - motion.first
         if not 0 <= k < len(motion.heading):
             continue
-        kind = KINDS[motion.kind]
+        user = KINDS[motion.kind]
         corners = _corners(motion.centre[k], motion.heading[k], max(motion.length, 1.6), max(motion.width, 1.0))
-        name = None if kind in shown else kind
-        axes.add_patch(Polygon(corners, color=_USERS[kind], lw=0, zorder=12, label=name))
-        axes.plot(*motion.centre[k : k + 31].T, color=_USERS[kind], lw=1.0, alpha=0.6, zorder=11)
-        shown.add(kind)
+        name = None if user in shown else user
+        axes.add_patch(Polygon(corners, color=_USERS[user], lw=0, zorder=12, label=name))
+        axes.plot(*motion.centre[k : k + 31].T, color=_USERS[user], lw=1.0, alpha=0.6, zorder=11)
+        shown.add(user)
     axes.autoscale_view()
     axes.set(aspect="equal", xlabel="east (m)", ylabel="north (m)", title=f"{town.name}, {second:g} s")
     axes.legend(loc="upper right", ncols=len(shown) or 1, fontsize="small")

@@ -25,7 +25,7 @@ class Figures:
         points: median number of points a scan.
         obstacles: median number of points left after ground removal.
         shares: of the label grid's cells: unknown, occupied, free, ego.
-        static: mean squared error x 1e-3 of the static baseline after 0.1, 0.5, 1.0, 1.5 s; NaN for a drive without a window.
+        static: mean squared error x 1e-3 of the static baseline after 0.1, 0.5, 1.0, 1.5 s; NaN without a whole window.
         moved: share of the occupied cells that are free 0.5 s later (the grid's own motion taken out).
         speed: mean speed of the ego, m/s.
     """

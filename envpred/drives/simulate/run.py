@@ -33,7 +33,12 @@ def builtin_recording() -> Path:
 
 
 def simulate(
-    out: Path, drives: int = 10, frames: int = 150, seed: int = 0, processes: int | None = None, recording: Path | None = None
+    out: Path,
+    drives: int = 10,
+    frames: int = 150,
+    seed: int = 0,
+    processes: int | None = None,
+    recording: Path | None = None,
 ) -> None:
     """Writes simulated drives in KITTI raw's layout to `out`/<date>/<date>_drive_<number>_sync.
 
@@ -49,7 +54,8 @@ def simulate(
         recording: traffic of `record.record`; by default the one that comes with the package.
 
     Raises:
-        UserError: if a number makes no sense, `out` holds something, the recording is unknown or too short, or the disk is full.
+        UserError: if a number makes no sense, `out` holds something, the recording is unknown or too short, or the
+            disk is full.
     """
     out = Path(out)
     workers = _check(out, drives, frames, seed, processes)

@@ -6,8 +6,7 @@ from functools import cached_property
 import numpy as np
 from embreex.rtcore import EmbreeDevice
 
-from envpred.drives.simulate import labels as L
-from envpred.drives.simulate import models
+from envpred.drives.simulate import classes, models
 from envpred.drives.simulate.ego import EgoMotion, drive_over
 from envpred.drives.simulate.layout import STYLES, Layout, Parked, Style
 from envpred.drives.simulate.lidar import Target
@@ -24,7 +23,7 @@ _STRIDE = 0.75  # metres a walker moves in half a stride
 
 @dataclass(frozen=True)
 class Actor:
-    """A road user of the drive; `instance` is its number in the labels, `offset` the drive's first frame in its motion."""
+    """A road user: `instance` is its number in the labels, `offset` the drive's first frame in its motion."""
 
     motion: Motion
     offset: int
@@ -133,10 +132,16 @@ def build(recording: Recording, network: int, motions: list[Motion], frames: int
         z = float(terrain.height(np.array(thing.place)))
         parts.append(thing.model().at(*thing.place, z, thing.heading, number))
     start = motion.first + first
-    others = [m for k, m in enumerate(motions) if k != ego_track and m.first < start + frames and m.first + len(m.speed) > start]
+    others = [
+        m
+        for k, m in enumerate(motions)
+        if k != ego_track and m.first < start + frames and m.first + len(m.speed) > start
+    ]
     light = rng.random(len(others)) < 0.5
     actors = [
-        Actor(m, start - m.first, len(layout.parked) + 1 + k, bool(light[k])) for k, m in enumerate(others) if _reaches(m, path)
+        Actor(m, start - m.first, len(layout.parked) + 1 + k, bool(light[k]))
+        for k, m in enumerate(others)
+        if _reaches(m, path)
     ]
     return Scene(town, frames, ego, terrain, join(parts), layout.parked, actors)
 
@@ -152,7 +157,7 @@ def _choose(motions: list[Motion], frames: int, rng: np.random.Generator, town: 
     if not len(able):
         longest = max((len(m.speed) for m in motions if KINDS[m.kind] == "car"), default=0)
         raise UserError(
-            f"--frames {frames}: no car of the recording's town {town} drives that long (the longest {longest} frames); "
+            f"--frames {frames}: no car of the recording's town {town} drives that long (longest: {longest} frames); "
             "ask for fewer frames or record more seconds of traffic"
         )
     wanted = rng.uniform(1.0, 11.5)
@@ -171,6 +176,6 @@ def _reaches(motion: Motion, path: FloatArray) -> bool:
 
 def _parked_box(thing: Parked) -> tuple[int, tuple[float, float, float]]:
     if thing.kind == "parked_bicycle":
-        return L.BICYCLE, (1.75, 0.56, 1.04)
+        return classes.BICYCLE, (1.75, 0.56, 1.04)
     kind = KINDS.index(thing.kind)
     return models.class_of(kind, False), models.size_of(kind, thing.length, thing.width)

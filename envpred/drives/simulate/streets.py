@@ -34,7 +34,7 @@ TOWNS = (
 
 _SPEED = {"arterial": 13.9, "collector": 13.9, "residential": 8.9}
 _WIDTH = {SIDEWALK: 1.9, PARKING: 2.0, CYCLEWAY: 1.5, DRIVING: 3.0}
-_ALLOW = {
+_ALLOW: dict[str, dict[str, str]] = {
     SIDEWALK: {"allow": "pedestrian"},
     PARKING: {"disallow": "all"},
     CYCLEWAY: {"allow": "bicycle"},
@@ -110,7 +110,9 @@ def _bend(a: np.ndarray, b: np.ndarray, bend: float, rng: np.random.Generator) -
     along = b - a
     across = np.array([-along[1], along[0]])
     s = np.linspace(0, 1, 9)[:, None]
-    swing = rng.normal(0, bend) * np.sin(np.pi * s) ** 2 + rng.normal(0, bend / 3) * np.sin(2 * np.pi * s) * np.sin(np.pi * s)
+    swing = rng.normal(0, bend) * np.sin(np.pi * s) ** 2 + rng.normal(0, bend / 3) * np.sin(2 * np.pi * s) * np.sin(
+        np.pi * s
+    )
     points: np.ndarray = a + s * along + swing * across
     return points
 
@@ -135,4 +137,4 @@ def _edge(
         shape=" ".join(f"{x:.2f},{y:.2f}" for x, y in points),
     )
     for k, lane in enumerate(lanes):
-        ET.SubElement(edge, "lane", index=str(k), width=str(_WIDTH[lane]), **_ALLOW[lane])
+        ET.SubElement(edge, "lane", {"index": str(k), "width": str(_WIDTH[lane])} | _ALLOW[lane])

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 from scipy.ndimage import distance_transform_edt, gaussian_filter
 
-from envpred.drives.simulate import labels as L
+from envpred.drives.simulate import classes
 from envpred.drives.simulate.mesh import MATERIAL, FloatArray, Mesh, join, mesh
 from envpred.drives.simulate.traffic import LANES, Network
 
@@ -17,7 +17,7 @@ _FINE = 24.0  # metres from the path within which the mesh has cells of CELL
 _COARSE = 5  # cells of CELL in a side of the mesh further out
 _KERB = 0.12  # metres
 _CROWN = 0.022  # rise of a road from its edge to its middle, per metre
-_MATERIALS = {L.ROAD: "asphalt", L.PARKING: "asphalt", L.SIDEWALK: "paving", L.TERRAIN: "grass"}
+_MATERIALS = {classes.ROAD: "asphalt", classes.PARKING: "asphalt", classes.SIDEWALK: "paving", classes.TERRAIN: "grass"}
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,8 @@ class Terrain:
     def __init__(self, network: Network, path: FloatArray, slope: float, rng: np.random.Generator) -> None:
         self.hills = Hills.draw(slope, rng)
         self.origin = path.min(axis=0) - MARGIN
-        self.shape = tuple(int(n) for n in np.ceil((np.ptp(path, axis=0) + 2 * MARGIN) / CELL))
+        width, height = np.ceil((np.ptp(path, axis=0) + 2 * MARGIN) / CELL)
+        self.shape = int(width), int(height)
         self.surface = self._paint(network)
         self.detail = self._relief(rng)
         on_path = np.ones(self.shape, bool)
@@ -74,11 +75,11 @@ class Terrain:
 
     def street(self) -> NDArray[np.bool_]:
         """(X, Y) where no house may stand: roads, parking strips, pavements."""
-        street: NDArray[np.bool_] = self.surface != L.TERRAIN
+        street: NDArray[np.bool_] = self.surface != classes.TERRAIN
         return street
 
     def _paint(self, network: Network) -> NDArray[np.uint8]:
-        image = Image.new("L", self.shape, L.TERRAIN)
+        image = Image.new("L", self.shape, classes.TERRAIN)
         draw = ImageDraw.Draw(image)
 
         def points(line: FloatArray) -> list[tuple[float, float]]:
@@ -90,27 +91,27 @@ class Terrain:
                     draw.line(points(line), fill=label, width=round((width + wider) / CELL), joint="curve")
 
         for outline in network.junctions:
-            draw.polygon(points(outline), fill=L.SIDEWALK)
-        paint(("sidewalk",), L.SIDEWALK, 0.3)
-        paint(("driving", "parking", "cycleway"), L.ROAD, 0.6)  # closes the slits between lanes
+            draw.polygon(points(outline), fill=classes.SIDEWALK)
+        paint(("sidewalk",), classes.SIDEWALK, 0.3)
+        paint(("driving", "parking", "cycleway"), classes.ROAD, 0.6)  # closes the slits between lanes
         for kind, _, line in network.lanes:
             if LANES[kind] == "walkingarea" and len(line) > 2:
-                draw.polygon(points(line), fill=L.SIDEWALK)
-        paint(("sidewalk",), L.SIDEWALK)
-        paint(("parking",), L.PARKING)
-        paint(("driving", "cycleway", "crossing"), L.ROAD)
-        paint(("junction",), L.ROAD, 0.8)
+                draw.polygon(points(line), fill=classes.SIDEWALK)
+        paint(("sidewalk",), classes.SIDEWALK)
+        paint(("parking",), classes.PARKING)
+        paint(("driving", "cycleway", "crossing"), classes.ROAD)
+        paint(("junction",), classes.ROAD, 0.8)
         return np.asarray(image, np.uint8).T.copy()
 
     def _relief(self, rng: np.random.Generator) -> NDArray[np.float32]:
-        road = np.isin(self.surface, (L.ROAD, L.PARKING))
+        road = np.isin(self.surface, (classes.ROAD, classes.PARKING))
         inwards = distance_transform_edt(road, sampling=CELL)
         noise = rng.standard_normal(self.shape, np.float32)
         detail = np.where(road, _CROWN * np.minimum(inwards, 3.5), _KERB).astype(np.float32)
         grass = self._waves(8, rng).clip(0, 2)
-        detail += gaussian_filter(noise, 1.2) * np.where(self.surface == L.TERRAIN, 0.1 + 0.3 * grass, 0.02)
+        detail += gaussian_filter(noise, 1.2) * np.where(self.surface == classes.TERRAIN, 0.1 + 0.3 * grass, 0.02)
         # Gardens rise and fall away from the pavement.
-        street = self.surface != L.TERRAIN
+        street = self.surface != classes.TERRAIN
         away = np.minimum(distance_transform_edt(~street, sampling=CELL) / 10, 1.0)
         detail += (0.6 * away * self._waves(16, rng)).astype(np.float32)
         for x, y in np.argwhere(road)[rng.integers(0, max(road.sum(), 1), road.sum() // 6000)] if road.any() else ():
@@ -132,7 +133,7 @@ class Terrain:
     def mesh(self) -> Mesh:
         """The ground as triangles: fine near the path, coarse further out, without a slit between the two."""
         fine = self.from_path[:-1, :-1] < _FINE
-        coarse = self.from_path[:: _COARSE, :: _COARSE][:-1, :-1] >= _FINE - 2 * _COARSE * CELL
+        coarse = self.from_path[::_COARSE, ::_COARSE][:-1, :-1] >= _FINE - 2 * _COARSE * CELL
         return join([self._quads(fine, 1, 0.0), self._quads(coarse, _COARSE, -0.03)])
 
     def _quads(self, wanted: NDArray[np.bool_], stride: int, lower: float) -> Mesh:

@@ -7,17 +7,23 @@ from xml.etree import ElementTree as ET
 import numpy as np
 from numpy.typing import NDArray
 
-from envpred.drives.simulate import labels as L
+from envpred.drives.simulate import classes
 
 FloatArray = NDArray[np.float64]
 
-_TYPE = {L.CAR: "Car", L.TRUCK: "Truck", L.PERSON: "Pedestrian", L.BICYCLIST: "Cyclist", L.BICYCLE: "Misc"}
-_TYPE |= {moving: _TYPE[still] for still, moving in L.MOVING_OF.items() if still in _TYPE}
+_TYPE = {
+    classes.CAR: "Car",
+    classes.TRUCK: "Truck",
+    classes.PERSON: "Pedestrian",
+    classes.BICYCLIST: "Cyclist",
+    classes.BICYCLE: "Misc",
+}
+_TYPE |= {moving: _TYPE[still] for still, moving in classes.MOVING_OF.items() if still in _TYPE}
 
 
 @dataclass
 class Tracklet:
-    """One object's boxes: size in metres, and from frame `first` on its poses x, y, z (of the base), yaw, in the sensor frame."""
+    """One object's size, and from frame `first` on its poses x, y, z (of the base), yaw in the sensor frame; metres."""
 
     kind: str
     size: tuple[float, float, float]  # length, width, height
@@ -33,7 +39,8 @@ class Tracklet:
         along, across = c * away[:, 0] + s * away[:, 1], c * away[:, 1] - s * away[:, 0]
         length, width, height = self.size
         inside: NDArray[np.bool_] = (np.abs(along) < length / 2 + margin) & (np.abs(across) < width / 2 + margin)
-        return inside & (away[:, 2] > -margin) & (away[:, 2] < height + margin)
+        inside &= (away[:, 2] > -margin) & (away[:, 2] < height + margin)
+        return inside
 
 
 def kind_of(label: int) -> str:
@@ -89,11 +96,13 @@ _POSE = """\t\t\t<item{}>
 
 
 def write(path: Path, tracklets: list[Tracklet]) -> None:
-    """Writes the tracklets as the boost archive that KITTI's tools parse; a box without a return is "fully occluded" (2)."""
+    """Writes the boost archive that KITTI's tools parse; a box without a return is "fully occluded" (2)."""
     with path.open("w") as out:
         out.write(_HEAD.format(len(tracklets)))
         for k, t in enumerate(tracklets):
-            archive = [f' class_id="{n}" tracking_level="0" version="{v}"' if k == 0 else "" for n, v in ((1, 1), (2, 0))]
+            archive = [
+                f' class_id="{n}" tracking_level="0" version="{v}"' if k == 0 else "" for n, v in ((1, 1), (2, 0))
+            ]
             length, width, height = t.size
             out.write(_OBJECT.format(archive[0], t.kind, height, width, length, t.first, archive[1], len(t.poses)))
             for j, (pose, returns) in enumerate(zip(t.poses, t.points, strict=True)):
@@ -114,6 +123,12 @@ def read(path: Path) -> list[Tracklet]:
             poses.append((x, y, z, yaw))
             points.append(int(pose.findtext("occlusion", "-1") != "2"))
         tracklets.append(
-            Tracklet(item.findtext("objectType", ""), (size[0], size[1], size[2]), int(item.findtext("first_frame", "0")), poses, points)
+            Tracklet(
+                item.findtext("objectType", ""),
+                (size[0], size[1], size[2]),
+                int(item.findtext("first_frame", "0")),
+                poses,
+                points,
+            )
         )
     return tracklets

@@ -96,7 +96,7 @@ class Recording:
             table = [(t.kind, t.length, t.width, t.heading) for t in network.tracks]
             arrays[f"{k}/track_table"] = np.array(table, np.float32).reshape(-1, 4)
             arrays |= _pack(f"{k}/track", [t.places for t in network.tracks])
-        np.savez_compressed(path, allow_pickle=False, **arrays)  # type: ignore[arg-type]
+        np.savez_compressed(path, allow_pickle=False, **arrays)
 
     @classmethod
     def load(cls, path: Path) -> "Recording":
@@ -108,7 +108,9 @@ class Recording:
                 networks = [_network(data, k, str(name)) for k, name in enumerate(data["names"])]
                 return cls(float(data["interval"]), float(data["seconds"]), networks)
         except FileNotFoundError as error:
-            raise UserError(f"there is no traffic recording {path}: leave the option out to use the built-in") from error
+            raise UserError(
+                f"there is no traffic recording {path}: leave the option out to use the built-in"
+            ) from error
         except (KeyError, ValueError, BadZipFile, OSError, EOFError) as error:
             raise UserError(f"{path} is not a traffic recording of ours ({error})") from error
 

@@ -1,4 +1,4 @@
-"""Writes a simulated drive in KITTI raw's layout: scans, packets, timestamps, calibration, and the truth beside them."""
+"""Writes a simulated drive in KITTI raw's layout: scans, packets, times, calibration, and the truth beside them."""
 
 from collections.abc import Iterator
 from datetime import datetime, timedelta
@@ -42,14 +42,18 @@ def write_drive(folder: Path, scene: Scene, sensor: HDL64E, number: int, rng: np
         points, words = sensor.scan(still, Target(moving, device) if moving else None, pose, rng)
         points.tofile(data / f"{k:010d}.bin")
         words.tofile(truth / f"{k:010d}.label")
-        _follow(seen, scene.boxes(k), k, np.linalg.inv(pose), words)
+        _follow(seen, scene.boxes(k), k, np.asarray(np.linalg.inv(pose), np.float64), words)
         yield len(points)
     kept = [t for object_ in seen.values() for whole in object_ if (t := tracklets.trim(whole))]
     tracklets.write(folder / "tracklet_labels.xml", kept)
 
 
 def _follow(
-    seen: dict[int, list[Tracklet]], boxes: list[Box], frame: int, to_sensor: NDArray[np.float64], words: NDArray[np.uint32]
+    seen: dict[int, list[Tracklet]],
+    boxes: list[Box],
+    frame: int,
+    to_sensor: NDArray[np.float64],
+    words: NDArray[np.uint32],
 ) -> None:
     """Adds a frame's boxes to the tracklets; an object that comes back into reach starts another."""
     returns = np.bincount(words >> 16, minlength=1)
@@ -83,7 +87,7 @@ def write_calibration(folder: Path) -> None:
     rigid = "R: {}\nT: {}\n"
     imu_to_sensor = rigid.format(_row(np.eye(3)), _row(-IMU_TO_SENSOR))
     (folder / "calib_imu_to_velo.txt").write_text(stamp + imu_to_sensor)
-    # The cameras look along x: their x is the sensor's -y, their y its -z; the left one sits 0.27 m ahead, 0.08 m lower.
+    # The cameras look along x: their x is the sensor's -y, their y its -z; camera 0 is 0.27 m ahead, 0.08 m lower.
     axes = np.array([[0, -1, 0], [0, 0, -1], [1, 0, 0]], np.float64)
     to_camera = rigid.format(_row(axes), _row(-axes @ np.array([0.27, 0.0, -0.08])))
     (folder / "calib_velo_to_cam.txt").write_text(stamp + to_camera + "delta_f: 0 0\ndelta_c: 0 0\n")
@@ -96,10 +100,11 @@ def _cameras() -> str:
     for k, right in enumerate((0.0, 0.54, -0.06, 0.48)):  # metres to the right of camera 0
         inner = np.array([[720.0, 0, 621.0], [0, 720.0, 187.5], [0, 0, 1]])
         projection = np.column_stack([inner, inner @ [-right, 0, 0]])
-        for name, values in (
-            ("S", np.array([1242.0, 375.0])), ("K", inner), ("D", np.zeros(5)), ("R", np.eye(3)), ("T", np.array([-right, 0, 0])),
-            ("S_rect", np.array([1242.0, 375.0])), ("R_rect", np.eye(3)), ("P_rect", projection),
-        ):  # fmt: skip
+        size = np.array([1242.0, 375.0])
+        shift = np.array([-right, 0, 0])
+        raw = (("S", size), ("K", inner), ("D", np.zeros(5)), ("R", np.eye(3)), ("T", shift))
+        rectified = (("S_rect", size), ("R_rect", np.eye(3)), ("P_rect", projection))
+        for name, values in (*raw, *rectified):
             lines.append(f"{name}_{k:02d}: {_row(values)}\n")
     return "".join(lines)
 
