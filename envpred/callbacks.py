@@ -1,12 +1,14 @@
-"""What a run shows in TensorBoard besides its scalars: pictures of fixed windows, and the static baseline's line."""
+"""What a run shows besides its scalars: pictures of fixed windows, and the static baseline's line."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
 from lightning.pytorch import Callback, LightningModule, Trainer
 from lightning.pytorch.loggers import TensorBoardLogger
+from numpy.typing import NDArray
 from tensorboard.compat.proto.summary_pb2 import Summary
 from torch.utils.data import default_collate
 from torch.utils.tensorboard import SummaryWriter
@@ -14,13 +16,15 @@ from torch.utils.tensorboard import SummaryWriter
 from envpred import plots
 from envpred.models.forecaster import SHOWN_HORIZONS, Forecaster
 
+Occupancy = NDArray[np.float32]
 
-class TensorBoardPictures(Callback):
-    """After each validation: targets, forecasts and errors of fixed windows, one of them as an animation.
+
+class Pictures(Callback):
+    """Targets, forecasts and errors of fixed windows: in TensorBoard after validation, beside the result after a test.
 
     Args:
-        windows: how many windows are drawn, spread evenly over the validation windows.
-        every_n_epochs: how often.
+        windows: how many windows are drawn, spread evenly over those there are.
+        every_n_epochs: how often in training.
     """
 
     def __init__(self, windows: int = 2, every_n_epochs: int = 1) -> None:
@@ -40,19 +44,34 @@ class TensorBoardPictures(Callback):
         self._draw_reference(trainer, logger)
         if trainer.current_epoch % self.every_n_epochs:
             return
-        data = pl_module.dataset.datasets["val"]
-        chosen = np.unique(np.linspace(0, len(data) - 1, self.windows).round().astype(int))
-        for place, index in enumerate(chosen):
-            batch = default_collate([data[int(index)]])
-            moved = pl_module.transfer_batch_to_device(batch, pl_module.device, 0)
-            with torch.no_grad():
-                forecast = pl_module.forecast(moved, pl_module.given)[0].float().cpu().numpy()
-            occupancy = batch["occupancy"][0].numpy()
-            title = f"{batch['drive'][0]}, frames from {int(batch['start'][0])}, epoch {trainer.current_epoch}"
+        for place, (occupancy, forecast, where) in enumerate(self._windows(pl_module, "val")):
+            title = f"{where}, epoch {trainer.current_epoch}"
             strip = plots.forecast_strip(occupancy[pl_module.given :], forecast, SHOWN_HORIZONS, title)
             logger.experiment.add_figure(f"window_{place}/forecast", strip, trainer.global_step)
             if place == 0:
                 self._animate(logger, occupancy, forecast, pl_module.given, trainer.global_step)
+
+    def on_test_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
+        """Pictures of the same kind beside the result."""
+        folder = trainer.log_dir
+        if folder is None or not trainer.is_global_zero or not isinstance(pl_module, Forecaster):
+            return
+        for place, (occupancy, forecast, where) in enumerate(self._windows(pl_module, "test")):
+            strip = plots.forecast_strip(occupancy[pl_module.given :], forecast, SHOWN_HORIZONS, where)
+            plots.save(strip, Path(folder) / "pictures" / f"window_{place}.png")
+            gif = plots.animation(occupancy, forecast, pl_module.given)
+            (Path(folder) / "pictures" / f"window_{place}.gif").write_bytes(gif)
+
+    def _windows(self, model: Forecaster, part: str) -> Iterator[tuple[Occupancy, Occupancy, str]]:
+        """Occupancy (T, H, W), forecast (T - given, H, W) and whereabouts of the fixed windows of `part`."""
+        data = model.dataset.datasets[part]
+        for index in np.unique(np.linspace(0, len(data) - 1, self.windows).round().astype(int)):
+            batch = default_collate([data[int(index)]])
+            moved = model.transfer_batch_to_device(batch, model.device, 0)
+            with torch.no_grad():
+                forecast = model.forecast(moved, model.given)[0].float().cpu().numpy()
+            where = f"{batch['drive'][0]}, frames from {int(batch['start'][0])}"
+            yield batch["occupancy"][0].numpy(), forecast, where
 
     def on_train_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
         logger = _tensorboard(trainer)

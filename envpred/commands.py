@@ -4,10 +4,14 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
+
 from envpred.build import MappingParameters, build
+from envpred.drives import Drive, find_drives
+from envpred.errors import UserError
 from envpred.mapping.evidence import EvidenceParameters
 from envpred.mapping.geometry import GridSpec
-from envpred.mapping.ground import GroundSegmenter, MarkovRandomField
+from envpred.mapping.ground import GroundSegmenter, MarkovRandomField, RansacPlane
 from envpred.mapping.label_grid import RayCasting
 from envpred.store import Store
 
@@ -56,4 +60,56 @@ def verify(store: Path) -> None:
         print(f"{name}: {len(drive.frames)} frames, good")
 
 
-COMMANDS: dict[str, Callable[..., Any]] = {"grids": grids, "verify": verify}
+def ground(source: Path, out: Path, drive: str | None = None, frame: int | None = None) -> None:
+    """Draw one scan with the obstacles of both ground segmentations, and where they differ.
+
+    Args:
+        source: folder with drives.
+        out: picture to write; its ending decides the format.
+        drive: name of the drive; by default the first.
+        frame: frame number; by default the drive's first.
+    """
+    from envpred import plots
+
+    chosen = _one_drive(source, drive)
+    if frame is not None and frame not in chosen.frames:
+        raise UserError(f"{chosen.name} has no frame {frame}; it has {chosen.frames[0]} to {chosen.frames[-1]}")
+    points = chosen.scan(chosen.frames[0] if frame is None else frame)
+    methods = {"MRF": MarkovRandomField(), "RANSAC": RansacPlane()}
+    verdicts = {name: method.obstacles(points) for name, method in methods.items()}
+    print(plots.save(plots.ground_comparison(points, verdicts), out))
+
+
+def show(store: Path, out: Path, drive: str | None = None, frame: int = 0) -> None:
+    """Draw a mapped drive: a label grid, its masses and probability as a picture, or the whole drive as a .gif.
+
+    Args:
+        store: folder that `envpred grids` wrote.
+        out: picture (.png, .pdf) of one frame, or animation (.gif) of all.
+        drive: name of the drive; by default the first.
+        frame: position of the frame in the drive.
+    """
+    from envpred import plots
+
+    drives = Store(store).drives
+    if not drives or (drive is not None and drive not in drives):
+        raise UserError(f"{store}: holds no drive {drive or ''}; it has {', '.join(drives) or 'none'}")
+    chosen = drives[drive or next(iter(drives))]
+    if not 0 <= frame < len(chosen.frames):
+        raise UserError(f"--frame {frame}: {chosen.name} has {len(chosen.frames)} frames, counted from 0")
+    labels, mass = chosen.array("label"), chosen.array("evidence")
+    if out.suffix == ".gif":
+        out.write_bytes(plots.drive_animation(labels, mass))
+        print(out)
+    else:
+        print(plots.save(plots.mapping_overview(np.array(labels[frame]), np.array(mass[frame], np.float32)), out))
+
+
+def _one_drive(source: Path, name: str | None) -> Drive:
+    found = {drive.name: drive for drive in find_drives(source)}
+    if name is not None and name not in found:
+        raise UserError(f"{source}: no drive named {name}; it has {', '.join(found)}")
+    return found[name or next(iter(found))]
+
+
+COMMANDS: dict[str, Callable[..., Any]] = {"grids": grids, "verify": verify, "ground": ground, "show": show}

@@ -14,7 +14,7 @@ from jsonargparse import DefaultHelpFormatter, Namespace
 from lightning.pytorch.cli import LightningArgumentParser, LightningCLI
 
 from envpred import __version__
-from envpred.callbacks import TensorBoardPictures
+from envpred.callbacks import Pictures
 from envpred.commands import COMMANDS
 from envpred.datamodules import GridDataModule
 from envpred.errors import UserError
@@ -105,7 +105,7 @@ def lightning(args: list[str] | None = None) -> EnvpredCLI:
         auto_configure_optimizers=False,
         load_from_checkpoint_support=False,
         save_config_kwargs={"overwrite": True},
-        trainer_defaults={"callbacks": [TensorBoardPictures()], "log_every_n_steps": 10},
+        trainer_defaults={"callbacks": [Pictures()], "log_every_n_steps": 10},
         parser_kwargs={
             "prog": "envpred",
             "version": __version__,

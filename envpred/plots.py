@@ -19,6 +19,7 @@ from matplotlib.image import AxesImage
 from numpy.typing import NDArray
 from PIL import Image
 
+from envpred.mapping.evidence import pignistic
 from envpred.mapping.geometry import EGO, FREE, OCCUPIED, UNKNOWN, GridSpec
 from envpred.results import PERIOD, horizon_name
 
@@ -117,6 +118,38 @@ def animation(target: Grid, forecast: Grid, given: int, scale: int = 2, millisec
         frames.append(Image.fromarray(np.concatenate(tiles, axis=1)))
     out = io.BytesIO()
     frames[0].save(out, "GIF", save_all=True, append_images=frames[1:], duration=milliseconds, loop=0)
+    return out.getvalue()
+
+
+def mapping_overview(labels: NDArray[np.uint8], mass: NDArray[np.float32]) -> Figure:
+    """One mapped frame: label grid (H, W), masses of occupied and free (2, H, W), and the probability of occupied."""
+    fig = figure(15.5, 4.2)
+    axes = fig.subplots(1, 4, sharex=True, sharey=True)
+    draw_labels(axes[0], labels)
+    panels = (
+        ("mass of occupied", mass[0], "viridis"),
+        ("mass of free", mass[1], "viridis"),
+        ("probability of occupied", pignistic(mass), "gray_r"),
+    )
+    axes[0].set_title("label grid")
+    for ax, (name, grid, colours) in zip(axes[1:], panels, strict=True):
+        fig.colorbar(draw_grid(ax, grid, cmap=colours, vmin=0, vmax=1), ax=ax, shrink=0.8)
+        ax.set_title(name)
+        ax.set_xlabel("east (m)")
+    return fig
+
+
+def drive_animation(labels: NDArray[np.uint8], mass: NDArray[np.floating], scale: int = 2) -> bytes:
+    """A GIF of a whole drive at its own pace: label grids (T, H, W) left, probability of occupied right."""
+    palette = np.array([[int(LABEL_COLOURS[code][k : k + 2], 16) for k in (1, 3, 5)] for code in range(4)], np.uint8)
+    frames = []
+    for label, masses in zip(labels, mass, strict=True):
+        grey = (255 * (1 - np.clip(pignistic(masses), 0, 1))).astype(np.uint8)
+        tiles = [palette[label], np.repeat(grey[..., None], 3, axis=2)]
+        tile = np.concatenate([t.transpose(1, 0, 2)[::-1] for t in tiles], axis=1)  # as maps: north up
+        frames.append(Image.fromarray(tile.repeat(scale, 0).repeat(scale, 1)))
+    out = io.BytesIO()
+    frames[0].save(out, "GIF", save_all=True, append_images=frames[1:], duration=int(1000 * PERIOD), loop=0)
     return out.getvalue()
 
 

@@ -43,8 +43,10 @@ def revision() -> str:
         return f"envpred {__version__}"
 
 
-def write_test_result(forecaster: "Forecaster", metrics: Mapping[str, Any], seconds_per_window: float) -> Path:
-    """Write the result of a test run into its log folder; returns the file."""
+def write_test_result(
+    forecaster: "Forecaster", folder: Path, metrics: Mapping[str, Any], seconds_per_window: float
+) -> Path:
+    """Write the result of a test run into its log `folder`; returns the file."""
     trainer, data = forecaster.trainer, forecaster.dataset
     horizons = data.length - data.given
     result = {
@@ -66,7 +68,6 @@ def write_test_result(forecaster: "Forecaster", metrics: Mapping[str, Any], seco
         "metrics": metrics,
         "forecast_seconds_per_window": seconds_per_window,
     }
-    folder = Path(trainer.log_dir or trainer.default_root_dir)
     folder.mkdir(parents=True, exist_ok=True)
     file = folder / RESULT
     file.write_text(json.dumps(result, indent=1))

@@ -32,7 +32,7 @@ class GridDataModule(LightningDataModule):
         store: folder that `envpred grids` wrote.
         variant: dst_static or prob_static.
         split: auto, paper, or custom for the lists below (see `envpred.datamodules.selection.preset`).
-        train: drives that train, each as name or name:start:stop; they replace the preset's.
+        train: drives that train, each as name or name@start-stop; they replace the preset's.
         val: drives that validate, likewise.
         test: drives that test, likewise.
         length: frames in a window.

@@ -1,6 +1,7 @@
 """Which frames of which drives train, validate and test: presets, and lists of drives with an optional range.
 
-A selection is a drive's name, or `name:start:stop` for the frames at positions start to stop - 1 of it.
+A selection is a drive's name, or `name@start-stop` for the frames at positions start to stop - 1 of it; either end may
+be left out.
 """
 
 from dataclasses import dataclass
@@ -23,7 +24,7 @@ class Stretch:
 
     def __str__(self) -> str:
         whole = self.start == 0 and self.stop == len(self.drive.frames)
-        return self.drive.name if whole else f"{self.drive.name}:{self.start}:{self.stop}"
+        return self.drive.name if whole else f"{self.drive.name}@{self.start}-{self.stop}"
 
     def runs(self) -> list[tuple[int, int]]:
         """Stretches without a gap inside this one, as (first, length)."""
@@ -52,17 +53,18 @@ def select(items: list[str], drives: dict[str, StoredDrive]) -> list[Stretch]:
     """
     chosen = []
     for item in items:
-        name, *bounds = item.split(":")
+        name, _, bounds = item.partition("@")
         if name not in drives:
             raise UserError(f"the split names drive {name}, which the store does not hold; it has {', '.join(drives)}")
         frames = len(drives[name].frames)
         try:
-            start, stop = (int(bounds[0] or 0), int(bounds[1] or frames)) if bounds else (0, frames)
+            first, _, last = bounds.partition("-")
+            start, stop = int(first or 0), int(last or frames)
             valid = 0 <= start < stop <= frames
-        except (ValueError, IndexError):
+        except ValueError:
             valid = False
         if not valid:
-            raise UserError(f"{item}: give drive:start:stop with 0 <= start < stop <= {frames}, its number of frames")
+            raise UserError(f"{item}: give drive@start-stop with 0 <= start < stop <= {frames}, its number of frames")
         chosen.append(Stretch(drives[name], start, stop))
     return chosen
 
@@ -96,11 +98,11 @@ def _auto(names: list[str], drives: dict[str, StoredDrive]) -> Split:
     if len(names) == 1:
         (name,) = names
         a, b = (len(drives[name].frames) * fifths // 5 for fifths in (3, 4))
-        return Split(*(select([item], drives) for item in (f"{name}::{a}", f"{name}:{a}:{b}", f"{name}:{b}:")))
+        return Split(*(select([item], drives) for item in (f"{name}@-{a}", f"{name}@{a}-{b}", f"{name}@{b}-")))
     if len(names) == 2:
         first, second = names
         a = len(drives[first].frames) * 7 // 10
-        return Split(*(select([item], drives) for item in (f"{first}::{a}", f"{first}:{a}:", second)))
+        return Split(*(select([item], drives) for item in (f"{first}@-{a}", f"{first}@{a}-", second)))
     test, val = max(1, len(names) // 5), max(1, len(names) // 10)
     return Split(
         select(names[: -test - val], drives), select(names[-test - val : -test], drives), select(names[-test:], drives)

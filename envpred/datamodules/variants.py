@@ -41,9 +41,18 @@ class Variant:
         return channels[..., 0, :, :]
 
 
+# Functions with names, so that processes can hand variants to each other.
+def _masses(arrays: Arrays) -> NDArray[np.float32]:
+    return arrays["evidence"]
+
+
+def _probability(arrays: Arrays) -> NDArray[np.float32]:
+    return pignistic(arrays["evidence"])[:, None]
+
+
 VARIANTS = {
-    "dst_static": Variant(("occupied", "free"), ("evidence",), lambda a: a["evidence"]),
-    "prob_static": Variant(("probability",), ("evidence",), lambda a: pignistic(a["evidence"])[:, None]),
+    "dst_static": Variant(("occupied", "free"), ("evidence",), _masses),
+    "prob_static": Variant(("probability",), ("evidence",), _probability),
 }
 
 

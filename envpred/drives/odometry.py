@@ -6,6 +6,7 @@ body frame is put where KITTI's IMU sits.
 
 from functools import cached_property
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 import pykitti.utils
@@ -61,14 +62,13 @@ class OdometryDrive(Drive):
         except (KeyError, ValueError, AttributeError):
             raise UserError(f"{calibration}: no line `Tr:` with 12 numbers; copy it again") from None
         try:
-            camera = np.loadtxt(poses, ndmin=2).reshape(-1, 3, 4)
+            camera: FloatArray = np.loadtxt(poses, ndmin=2).reshape(-1, 3, 4)
         except ValueError:
             raise UserError(f"{poses}: a pose has 12 numbers a line; copy it again") from None
         camera = np.concatenate([camera, np.broadcast_to([[[0.0, 0, 0, 1]]], (len(camera), 1, 4))], axis=1)
         sensor = np.linalg.inv(velodyne_to_camera) @ camera @ velodyne_to_camera
         # World: the first body frame, so that positions start at zero.
-        body: FloatArray = (PAPER_SENSOR_OFFSET @ sensor @ np.linalg.inv(PAPER_SENSOR_OFFSET)).astype(np.float64)
-        return body
+        return cast(FloatArray, PAPER_SENSOR_OFFSET @ sensor @ np.linalg.inv(PAPER_SENSOR_OFFSET))
 
     def _pose_file(self) -> Path:
         places = [self.folder / "poses.txt", self.folder.parents[1] / "poses" / f"{self.folder.name}.txt"]
@@ -81,7 +81,7 @@ class OdometryDrive(Drive):
     def _times(self) -> FloatArray:
         file = self.folder / "times.txt"
         if not file.is_file():
-            return 0.1 * np.arange(len(self._body_poses))
+            return np.arange(len(self._body_poses), dtype=np.float64) * 0.1
         times: FloatArray = np.loadtxt(file, ndmin=1)
         if len(times) < len(self._body_poses):
             raise UserError(f"{file}: {len(times)} times for {len(self._body_poses)} poses; copy it again")

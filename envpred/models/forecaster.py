@@ -3,6 +3,7 @@
 import time
 from abc import abstractmethod
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import torch
@@ -105,8 +106,9 @@ class Forecaster(LightningModule):
             self.log(f"test/mse_{horizon_name(horizon)}", mse.mean[horizon - 1].float())
             self.log(f"test/skill_{horizon_name(horizon)}", skill.value[horizon - 1].float())
         metrics = {"mse": mse.as_json(), "static_mse": static.as_json(), "skill": skill.as_json()}
+        folder = Path(self.trainer.log_dir or self.trainer.default_root_dir)  # all processes agree on it together
         if self.trainer.is_global_zero and not self.trainer.fast_dev_run:  # type: ignore[attr-defined]
-            file = write_test_result(self, metrics, self.forecast_seconds / max(len(mse.index), 1))
+            file = write_test_result(self, folder, metrics, self.forecast_seconds / max(len(mse.index), 1))
             rank_zero_info(f"result: {file}")
         self.forecast_seconds = 0.0
 

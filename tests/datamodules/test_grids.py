@@ -1,0 +1,166 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from torch.utils.data import DataLoader
+
+from envpred.datamodules import GridDataModule
+from envpred.datamodules.variants import VARIANTS, variant
+from envpred.datamodules.windows import RandomWindows, windows_in_order
+from envpred.errors import UserError
+from envpred.mapping.evidence import pignistic
+from envpred.store import Store
+from tests.stores import write_store
+
+LENGTH = 8
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> Path:
+    return write_store(
+        tmp_path / "grids", {"a": list(range(30)), "b": [*range(12), *range(20, 50)], "c": list(range(17))}
+    )
+
+
+def data(store: Path, **options: object) -> GridDataModule:
+    return GridDataModule(store, length=LENGTH, given=3, **options)  # type: ignore[arg-type]
+
+
+def test_windows_in_order_take_each_frame_once_and_cross_no_gap(store: Path) -> None:
+    module = data(store, train=["a"], val=["a"], test=["b"])
+    module.setup("test")
+    assert [(p.drive.name, p.start) for p in module.datasets["test"].places] == [
+        ("b", 0),
+        ("b", 12),
+        ("b", 20),
+        ("b", 28),
+    ]
+
+
+def test_a_batch_is_what_the_store_holds(store: Path) -> None:
+    module = data(store, train=["a"], val=["a"], test=["c"], batch_size=2)
+    module.setup("test")
+    (batch,) = list(module.test_dataloader())
+    drive = Store(store).drives["c"]
+    mass = drive.array("evidence").astype(np.float32)
+    for b, start in enumerate((0, LENGTH)):
+        cut = slice(start, start + LENGTH)
+        np.testing.assert_array_equal(batch["frames"][b], mass[cut])
+        np.testing.assert_array_equal(batch["occupancy"][b], pignistic(mass[cut]))
+        np.testing.assert_array_equal(batch["centre_cell"][b], drive.array("centre_cell")[cut])
+        cells = (drive.array("pose")[cut, :2, 3] - drive.origin) * 3
+        np.testing.assert_allclose(batch["pose"][b, :, :2], cells, rtol=1e-6)
+        np.testing.assert_array_equal(batch["pose"][b, :, 2], np.zeros(LENGTH))
+    assert batch["drive"] == ["c", "c"]
+    assert batch["index"].tolist() == [0, 1]
+    assert batch["start"].tolist() == [0, LENGTH]
+
+
+def test_prob_static_is_pignistic(store: Path) -> None:
+    module = data(store, variant="prob_static", test=["c"])
+    module.setup("test")
+    window = module.datasets["test"][0]
+    torch.testing.assert_close(window["frames"][:, 0], window["occupancy"])
+
+
+def test_probability_of_forecast_channels() -> None:
+    masses = torch.tensor([0.6, 0.3]).view(2, 1, 1)
+    assert variant("dst_static").probability(masses).item() == pytest.approx(0.5 * 0.6 + 0.5 * 0.7)
+    assert variant("prob_static").probability(masses[:1]).item() == pytest.approx(0.6)
+    with pytest.raises(UserError, match="dst_static"):
+        variant("dst")
+
+
+def test_random_windows_depend_on_seed_and_epoch_alone() -> None:
+    epoch = 0
+    sampler = RandomWindows(50, 20, seed=7, augment=True, epoch=lambda: epoch)
+    first = list(sampler)
+    assert list(sampler) == first
+    assert {s for _, s in RandomWindows(50, 500, 7, True, lambda: 0)} == set(range(8))
+    assert {s for _, s in RandomWindows(50, 500, 7, False, lambda: 0)} == {0}
+    epoch = 1
+    assert list(sampler) != first
+
+
+def test_training_windows_are_turned_whole(store: Path) -> None:
+    module = data(store, train=["a"], val=["c"])
+    module.setup("fit")
+    windows = module.datasets["train"]
+    plain, turned = windows[3], windows[(3, 5)]
+    torch.testing.assert_close(turned["frames"], plain["frames"].transpose(-1, -2).flip(-1))
+    torch.testing.assert_close(turned["occupancy"], plain["occupancy"].transpose(-1, -2).flip(-1))
+    assert turned["pose"][1, 1] - turned["pose"][0, 1] == pytest.approx(-1 / 3, abs=1e-4)  # east has become south
+
+
+def test_validation_windows_are_spread_over_the_drives(store: Path) -> None:
+    module = data(store, train=["a"], val=["a", "b", "c"], val_windows=3)
+    module.setup("fit")
+    places = windows_in_order(module.stretches["val"], LENGTH)
+    chosen = module.datasets["val"].places
+    assert [chosen[0], chosen[-1]] == [places[0], places[-1]]
+    assert len(chosen) == 3
+
+
+def test_samples_and_batches(store: Path) -> None:
+    module = data(store, train=["a"], val=["c"], samples=10, batch_size=4)
+    module.setup("fit")
+    loader = module.train_dataloader()
+    assert isinstance(loader, DataLoader)
+    assert [len(batch["start"]) for batch in loader] == [4, 4]  # what is left of an epoch is dropped
+
+
+@pytest.mark.parametrize(
+    ("options", "line"),
+    [
+        (
+            {"test": ["c"], "length": 18},
+            "no window of 18 frames fits into c, whose longest stretch without a gap has 17",
+        ),
+        ({"test": ["d"]}, "names drive d, which the store does not hold; it has a, b, c"),
+        ({"split": "paper"}, "2011_09_26_drive_0005_sync"),
+        ({"split": "custom", "train": ["a"]}, "leaves no drive to test"),
+        ({"given": 0}, "--data.given 0"),
+        ({"given": 20, "length": 20}, "--data.given 20"),
+        ({"samples": 0}, "--data.samples"),
+        ({"variant": "dst_statik"}, "no input variant 'dst_statik'; there are dst_static"),
+    ],
+)
+def test_what_does_not_fit_is_refused(store: Path, options: dict[str, object], line: str) -> None:
+    with pytest.raises(UserError, match=line):
+        GridDataModule(store, **options).setup("test")  # type: ignore[arg-type]
+
+
+def test_a_store_of_mixed_parameters_is_refused(store: Path) -> None:
+    write_store(store.parent / "other", {"d": list(range(30))}, parameters={"cells": 16, "other": 1})
+    (store.parent / "other" / "d").rename(store / "d")
+    with pytest.raises(UserError, match="d were built with other parameters"):
+        data(store).setup("fit")
+
+
+def test_an_unfinished_store_is_named(store: Path) -> None:
+    for drive in "abc":
+        (store / drive / "manifest.json").unlink()
+    with pytest.raises(UserError, match=r"holds no finished drive \(a, b, c unfinished\)"):
+        data(store).setup("fit")
+    with pytest.raises(UserError, match="no store of grids"):
+        GridDataModule(store.parent).setup("fit")
+
+
+def test_description_changes_with_the_content(store: Path) -> None:
+    def described() -> dict[str, object]:
+        module = data(store, test=["c"])
+        module.setup("test")
+        return module.describe("test")
+
+    before = described()
+    assert before["windows"] == [["c", 0], ["c", LENGTH]]
+    manifest = store / "c" / "manifest.json"
+    manifest.write_text(manifest.read_text().replace('"checksum": ', '"checksum": 1'))
+    assert described()["store_hash"] != before["store_hash"]
+
+
+def test_every_variant_names_its_channels() -> None:
+    for name, view in VARIANTS.items():
+        assert view.evidential == name.startswith("dst")
+        assert len(view.channels) == {"dst_static": 2, "prob_static": 1, "dst_dogma": 4, "prob_dogma": 3}[name]

@@ -1,0 +1,142 @@
+"""The command line as users call it, from drives on the disk to results, on tiny drives."""
+
+import json
+import os
+import shutil
+from pathlib import Path
+
+import pytest
+from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+
+from envpred.cli import main
+from envpred.results import RESULT
+from tests.stores import write_store
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+MODELS = sorted((REPOSITORY / "configs" / "model").glob("*.yaml"))
+DATA = sorted((REPOSITORY / "configs" / "data").glob("*.yaml"))
+QUICK = ["--trainer.accelerator=cpu", "--trainer.enable_progress_bar=false", "--trainer.enable_model_summary=false"]
+
+
+@pytest.fixture(scope="module")
+def store(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    drives = {name: list(range(40)) for name in ("a", "b", "c")}
+    return write_store(tmp_path_factory.mktemp("e2e") / "grids", drives)
+
+
+@pytest.fixture(autouse=True)
+def inside(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+
+def configured(model: Path, data: Path, store: Path, *more: str) -> list[str]:
+    return ["--config", str(model), "--config", str(data), "--data.store", str(store), *QUICK, *more]
+
+
+def config(name: str) -> Path:
+    return REPOSITORY / "configs" / name
+
+
+def small(store: Path, *more: str) -> list[str]:
+    """A PredNet that trains in a second."""
+    quick = ["--model.channels=[4]", "--model.t1_epochs=1", "--model.t5_epochs=1", "--data.samples=2"]
+    return configured(config("model/prednet_small.yaml"), config("data/dst_static.yaml"), store, *quick, *more)
+
+
+def failure(args: list[str], capsys: pytest.CaptureFixture[str]) -> str:
+    """What a command that fails prints; one line, whatever else Lightning has said before."""
+    capsys.readouterr()
+    with pytest.raises(SystemExit) as stop:
+        main(args)
+    assert stop.value.code == 1
+    lines = [line for line in capsys.readouterr().err.splitlines() if line.startswith("envpred: ")]
+    assert len(lines) == 1
+    return lines[0]
+
+
+@pytest.mark.parametrize("data", DATA, ids=lambda path: path.stem)
+@pytest.mark.parametrize("model", MODELS, ids=lambda path: path.stem)
+def test_every_configuration_fits_tests_and_predicts(model: Path, data: Path, store: Path) -> None:
+    args = configured(model, data, store, "--trainer.limit_test_batches=1", "--trainer.limit_predict_batches=1")
+    trains = "epochs" in model.read_text()
+    if trains:
+        short = ["--trainer.max_epochs=1", "--trainer.limit_train_batches=1", "--trainer.limit_val_batches=1"]
+        main(["fit", *args, *short])
+    checkpoint = ["--ckpt_path", "best"] if trains else []
+    main(["test", *args, *checkpoint])
+    main(["predict", *args, *checkpoint])
+    (result,) = Path("runs").rglob(RESULT)
+    found = json.loads(result.read_text())
+    assert len(found["metrics"]["mse"]["mean"]) == 15
+    assert found["variant"] == data.stem
+    assert found["checkpoint"] is None or found["checkpoint"].endswith("best_t1.ckpt")
+    assert (result.parent / "pictures" / "window_0.png").stat().st_size > 1000
+
+
+def test_tensorboard_shows_what_a_run_did(store: Path) -> None:
+    main(["fit", *small(store)])
+    run = Path("runs/prednet/dst_static/version_0")
+    events = EventAccumulator(str(run)).Reload()
+    scalars = set(events.Tags()["scalars"])
+    assert {"lr", "stage", "val/mse_0.1s", "val/mse_1.5s", "val/loss_t1", "val/loss_t5", "final/val_mse"} <= scalars
+    assert [event.value for event in events.Scalars("stage")] == [0.0, 1.0]
+    images = events.Tags()["images"]
+    assert {"window_0/forecast", "window_1/forecast", "window_0/animation"} <= set(images)
+    assert events.Images("window_0/animation")[-1].encoded_image_string.startswith(b"GIF89a")
+    reference = EventAccumulator(str(run / "static_baseline")).Reload()
+    assert "val/mse_1.5s" in reference.Tags()["scalars"]
+    assert "_hparams_/session_start_info" in events.summary_metadata
+
+
+def test_best_is_the_newest_runs_best_and_resuming_writes_on_in_its_run(store: Path) -> None:
+    main(["fit", *small(store, "--trainer.max_epochs=1")])
+    main(["fit", *small(store, "--ckpt_path", "last")])
+    assert not Path("runs/prednet/dst_static/version_1").exists()
+    main(["test", *small(store, "--ckpt_path", "best")])
+    result = json.loads(Path("runs/prednet/dst_static/version_1", RESULT).read_text())
+    assert result["checkpoint"].endswith("version_0/checkpoints/best.ckpt")
+
+
+def test_the_users_values_are_not_replaced_by_a_checkpoint(store: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Lightning's own command line would run with the checkpoint's values here and say nothing."""
+    main(["fit", *small(store)])
+    checkpoint = "runs/prednet/dst_static/version_0/checkpoints/last.ckpt"
+    main(["fit", *small(store, "--model.t5_epochs=2", "--model.t5_lr=0.25", "--ckpt_path", checkpoint)])
+    events = EventAccumulator("runs/prednet/dst_static/version_0").Reload()
+    assert events.Scalars("lr")[-1].value == 0.25
+    line = failure(["test", *small(store, "--model.channels=[8]", "--ckpt_path", checkpoint)], capsys)
+    assert "channels [4], the command says [8]" in line
+    line = failure(["test", *small(store, "--data.variant=prob_static", "--ckpt_path", checkpoint)], capsys)
+    assert "--data.variant dst_static" in line
+
+
+def test_mistakes_get_one_line(store: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert "run `envpred fit` first" in failure(["test", *small(store, "--ckpt_path", "best")], capsys)
+    assert "nowhere.ckpt: no such checkpoint" in failure(["test", *small(store, "--ckpt_path", "nowhere.ckpt")], capsys)
+    assert "no store of grids" in failure(["fit", *small(tmp_path / "nothing")], capsys)
+    assert "names drive z" in failure(["fit", *small(store, "--data.train=[z]")], capsys)
+    assert "no window of 50 frames" in failure(["fit", *small(store, "--data.length=50")], capsys)
+    no_drives = ["grids", "--source", str(tmp_path), "--store", str(tmp_path / "grids")]
+    assert "no drive found" in failure(no_drives, capsys)
+
+
+def test_a_typing_error_names_the_argument(store: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["fit", *small(store, "--model.chanels=[4]")])
+    assert "chanels" in capsys.readouterr().err
+
+
+def test_pictures_of_a_store(store: Path, tmp_path: Path) -> None:
+    for name in ("frame.png", "drive.gif"):
+        main(["show", "--store", str(store), "--out", str(tmp_path / name)])
+        assert (tmp_path / name).stat().st_size > 1000
+
+
+def test_verify_finds_a_changed_byte(store: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    copy = tmp_path / "copy"
+    shutil.copytree(store, copy)
+    main(["verify", "--store", str(copy)])
+    with (copy / "b" / "label.npy").open("r+b") as file:
+        file.seek(-1, os.SEEK_END)
+        file.write(b"\x07")
+    assert "b/label.npy: its content has changed" in failure(["verify", "--store", str(copy)], capsys)

@@ -1,0 +1,81 @@
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from envpred.mapping.evidence import pignistic
+from envpred.models import LastFrame
+from envpred.results import RESULT, short_name
+from envpred.store import Store
+from tests.models.trainers import grids, prednet, trainer
+
+
+def by_hand(store: Path, drive: str) -> NDArray[np.floating]:
+    """Static baseline's MSE (windows, horizons) of windows of 8 frames, 3 of them shown."""
+    probability = pignistic(np.asarray(Store(store).drives[drive].array("evidence")))
+    windows = probability[: len(probability) // 8 * 8].reshape(-1, 8, *probability.shape[1:])
+    return np.asarray(((windows[:, 3:] - windows[:, 2:3]) ** 2).mean(axis=(2, 3)))
+
+
+@pytest.mark.parametrize("batch_size", [1, 2])
+@pytest.mark.parametrize("variant", ["dst_static", "prob_static"])
+def test_static_baseline_and_its_result(store: Path, tmp_path: Path, batch_size: int, variant: str) -> None:
+    """Horizon h is compared with the h-th frame after those shown, in every variant alike."""
+    data = grids(store, variant=variant, test=["c"], batch_size=batch_size)
+    run = trainer(tmp_path)
+    (logged,) = run.test(LastFrame(variant, given=3), datamodule=data, verbose=False)
+    expected = by_hand(store, "c")
+    result = json.loads((tmp_path / RESULT).read_text())
+    mse = result["metrics"]["mse"]
+    np.testing.assert_allclose(mse["per_window"], expected, rtol=1e-5)
+    np.testing.assert_allclose(mse["mean"], expected.mean(axis=0), rtol=1e-5)
+    np.testing.assert_allclose(mse["standard_error"], expected.std(axis=0, ddof=1) / np.sqrt(3), rtol=1e-4)
+    np.testing.assert_allclose(result["metrics"]["skill"]["mean"], 0, atol=1e-7)
+    assert logged["test/mse_0.1s"] == pytest.approx(expected[:, 0].mean())
+    assert result["data"]["windows"] == [["c", 0], ["c", 8], ["c", 16]]
+    assert result["data"]["part"] == "test"
+    assert result["model"]["name"] == "last_frame"
+    assert result["horizon_s"] == [0.1, 0.2, 0.3, 0.4, 0.5]
+    assert result["variant"] == variant
+    assert result["revision"]
+
+
+def test_skill_of_a_forecaster_is_against_the_static_baseline_of_its_windows(store: Path, tmp_path: Path) -> None:
+    run = trainer(tmp_path)
+    run.test(prednet(), datamodule=grids(store, test=["b"]), verbose=False)
+    metrics = json.loads((tmp_path / RESULT).read_text())["metrics"]
+    np.testing.assert_allclose(metrics["static_mse"]["mean"], by_hand(store, "b").mean(axis=0), rtol=1e-5)
+    ratio = np.divide(metrics["mse"]["mean"], metrics["static_mse"]["mean"])
+    np.testing.assert_allclose(metrics["skill"]["mean"], 1 - ratio, rtol=1e-6)
+
+
+def test_validation_logs_the_paper_horizons_and_the_reference(store: Path, tmp_path: Path) -> None:
+    (logged,) = trainer(tmp_path).validate(LastFrame(given=3), datamodule=grids(store, val=["a"]), verbose=False)
+    expected = by_hand(store, "a").mean(axis=0)
+    assert logged["val/mse_0.5s"] == pytest.approx(expected[4], rel=1e-5)
+    assert logged["static/mse_0.5s"] == pytest.approx(expected[4], rel=1e-5)
+    assert logged["val/mse"] == pytest.approx(expected.mean(), rel=1e-5)
+    assert "val/mse_1.0s" not in logged  # windows of 8 frames do not reach that far
+
+
+def test_predictions_say_where_they_belong(store: Path, tmp_path: Path) -> None:
+    out = trainer(tmp_path).predict(prednet(), datamodule=grids(store, test=["b", "c"]))
+    assert out is not None
+    assert [(p["drive"], p["start"].tolist()) for p in out][3:] == [(["c"], [0]), (["c"], [8]), (["c"], [16])]  # type: ignore[call-overload]
+    assert out[0]["forecast"].shape == (1, 5, 16, 16)  # type: ignore[call-overload]
+
+
+def test_short_names() -> None:
+    assert [short_name(n) for n in ("PredNetForecaster", "LastFrame")] == ["prednet", "last_frame"]
+
+
+@pytest.mark.slow
+def test_two_processes_give_the_result_of_one(store: Path, tmp_path: Path) -> None:
+    """Three windows over two processes: the sampler pads with a duplicate, which must not count."""
+    for name, devices in (("one", 1), ("two", 2)):
+        run = trainer(tmp_path / name, devices=devices, strategy="ddp_spawn" if devices > 1 else "auto")
+        run.test(LastFrame(given=3), datamodule=grids(store, test=["c"]), verbose=False)
+    one, two = (json.loads((tmp_path / n / RESULT).read_text())["metrics"] for n in ("one", "two"))
+    assert one == two

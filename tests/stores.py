@@ -1,0 +1,53 @@
+"""A tiny store of grids, written without any drive, for tests of what reads stores."""
+
+import itertools
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from envpred.mapping import evidence
+from envpred.mapping.geometry import EGO, FREE, OCCUPIED
+from envpred.store import DriveWriter, Store
+
+
+def write_store(
+    folder: Path, drives: dict[str, list[int]], cells: int = 16, parameters: dict[str, int] | None = None, seed: int = 0
+) -> Path:
+    """A store whose `drives` have the given frame numbers: a box moves through free space, the ego drives east."""
+    random = np.random.default_rng(seed)
+    key = Store(folder).claim("mapping", parameters or {"cells": cells})
+    for name, frames in drives.items():
+        T = len(frames)
+        labels = np.full((T, cells, cells), FREE, np.uint8)
+        row, speed = int(random.integers(1, cells // 2 - 2)), int(random.integers(1, 3))
+        for t in range(T):
+            column = (t * speed) % (cells - 2)
+            labels[t, column : column + 2, row : row + 2] = OCCUPIED
+            labels[t, cells // 2, cells // 2] = EGO
+        labels[:, :, -2:] = 0
+        centre_cell = np.stack([np.arange(T) // 3 + 40, np.full(T, 40)], axis=1).astype(np.int32)
+        pose = np.tile(np.eye(4), (T, 1, 1))
+        pose[:, 0, 3] = np.arange(T) / 9 + 40 / 3
+        pose[:, 1, 3] = 40 / 3
+        breaks = [0, *(np.flatnonzero(np.diff(frames) != 1) + 1).tolist(), T]
+        about = {
+            "drive": name,
+            "frames": frames,
+            "runs": [(a, b - a) for a, b in itertools.pairwise(breaks)],
+            "lattice": {"origin": [0.0, 0.0], "resolution": 1 / 3, "cells": cells},
+            "source": {"drive": name, "frames": T},
+        }
+        mass = evidence.accumulate(labels, centre_cell).astype(np.float16)
+        arrays: dict[str, NDArray[Any]] = {
+            "label": labels,
+            "evidence": mass,
+            "centre_cell": centre_cell,
+            "pose": pose,
+            "time": 0.1 * np.arange(T),
+        }
+        with DriveWriter(folder, name, "mapping", key, about) as out:
+            for array, values in arrays.items():
+                out.add(array, values.dtype, values.shape).extend(values)
+    return folder

@@ -1,0 +1,53 @@
+"""Imports point one way: a room may import the rooms below it, never one above."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+import envpred
+
+PACKAGE = Path(envpred.__file__).parent
+
+# What each room may import of ours.
+ALLOWED = {
+    "mapping": {"mapping.geometry", "errors"},
+    "networks": {"networks", "errors"},
+    "metrics": {"metrics"},
+    "drives": {"drives", "mapping.geometry", "errors"},
+    "store": {"errors", "__version__"},
+    "datamodules": {"datamodules", "store", "mapping", "errors"},
+    "plots": {"mapping", "results"},
+    "results": {"models", "__version__"},  # names alone, for types
+    "build": {"drives", "mapping", "store", "errors"},
+    "models": {"models", "networks", "datamodules", "metrics", "results", "errors"},
+}
+
+
+def imports(file: Path) -> set[str]:
+    """What a file imports of ours, without the package's name."""
+    found = set()
+    for node in ast.walk(ast.parse(file.read_text())):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module and node.level == 0:
+            found |= {f"{node.module}.{alias.name}" for alias in node.names}
+    return {name.removeprefix("envpred.") for name in found if name.startswith("envpred.")}
+
+
+@pytest.mark.parametrize("room", sorted(ALLOWED))
+def test_rooms_import_only_what_lies_below(room: str) -> None:
+    place = PACKAGE / room
+    files = sorted(place.rglob("*.py")) if place.is_dir() else [place.with_suffix(".py")]
+    assert files
+    for file in files:
+        for name in imports(file):
+            allowed = ALLOWED[room]
+            if file.is_relative_to(PACKAGE / "drives" / "simulate"):
+                allowed = allowed | {"mapping", "build", "store", "plots"}
+            assert any(name == a or name.startswith(f"{a}.") for a in allowed), f"{file.name} imports envpred.{name}"
+
+
+def test_nothing_imports_the_second_name_of_lightning() -> None:
+    for file in PACKAGE.rglob("*.py"):
+        assert "pytorch_lightning" not in file.read_text()
