@@ -60,7 +60,7 @@ def simulate(
     out = Path(out)
     workers = _check(out, drives, frames, seed, processes)
     source = recording or builtin_recording()
-    towns = len(Recording.load(source).networks)
+    towns = _able_towns(Recording.load(source), frames)
     day = out / DATE
     _check_disk(out, drives * frames * _SCAN_BYTES)
     with _one_line_for_disk_errors(out):
@@ -90,6 +90,18 @@ def _check(out: Path, drives: int, frames: int, seed: int, processes: int | None
     return processes or os.cpu_count() or 1
 
 
+def _able_towns(recording: Recording, frames: int) -> list[int]:
+    """Numbers of the towns where a car drives for so many frames."""
+    longest = [network.longest(recording.interval) for network in recording.networks]
+    able = [k for k, frames_there in enumerate(longest) if frames_there >= frames]
+    if not able:
+        raise UserError(
+            f"--frames {frames}: no car of the recording drives that long (longest: {max(longest, default=0)} frames); "
+            "ask for fewer frames, or record more seconds of traffic and give it as --recording"
+        )
+    return able
+
+
 def _check_disk(out: Path, needed: int) -> None:
     place = out.absolute()
     while not place.exists():
@@ -117,11 +129,11 @@ def _start(counter: "Synchronized[int]") -> None:
     _scans_done = counter
 
 
-def _drive(day: Path, number: int, frames: int, seed: int, source: Path, towns: int) -> None:
+def _drive(day: Path, number: int, frames: int, seed: int, source: Path, towns: list[int]) -> None:
     """Builds, casts and writes one drive."""
     rng = np.random.default_rng([seed, number])
     # Every block of as many drives as there are towns visits each town once, in an order of its own.
-    block, turn = divmod(number - 1, towns)
+    block, turn = divmod(number - 1, len(towns))
     network = int(np.random.default_rng([seed, 0, block]).permutation(towns)[turn])
     recording = Recording.load(source)
     scene = scenes.build(recording, network, recording.motions(network), frames, rng)

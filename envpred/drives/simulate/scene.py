@@ -13,7 +13,6 @@ from envpred.drives.simulate.lidar import Target
 from envpred.drives.simulate.mesh import FloatArray, Mesh, join
 from envpred.drives.simulate.terrain import Terrain
 from envpred.drives.simulate.traffic import KINDS, Motion, Recording
-from envpred.errors import UserError
 
 STILL = 0.3  # m/s: what is slower is labelled as standing
 _RANGE = 85.0  # metres around the ego within which others are put into the scene
@@ -115,7 +114,7 @@ def build(recording: Recording, network: int, motions: list[Motion], frames: int
     """A drive of `frames` scans through a network: an ego and a stretch of its traffic, and a town built around it.
 
     Raises:
-        UserError: if no vehicle of the recording is there for so many frames.
+        ValueError: if no car of the recording is there for so many frames (see `Network.longest`).
     """
     town = recording.networks[network].name
     ego_track, first = _choose(motions, frames, rng, town)
@@ -155,11 +154,7 @@ def _choose(motions: list[Motion], frames: int, rng: np.random.Generator, town: 
     room = np.array([len(m.speed) - frames if KINDS[m.kind] == "car" else -1 for m in motions])
     able = np.flatnonzero(room >= 0)
     if not len(able):
-        longest = max((len(m.speed) for m in motions if KINDS[m.kind] == "car"), default=0)
-        raise UserError(
-            f"--frames {frames}: no car of the recording's town {town} drives that long (longest: {longest} frames); "
-            "ask for fewer frames or record more seconds of traffic"
-        )
+        raise ValueError(f"no car of {town} drives for {frames} frames")
     wanted = rng.uniform(1.0, 11.5)
     best = (np.inf, 0, 0)
     for track in rng.choice(able, _TRIES, p=(room[able] + 1) / (room[able] + 1).sum()):

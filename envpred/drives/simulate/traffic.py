@@ -66,6 +66,11 @@ class Network:
     junctions: list[FloatArray]  # outlines (n, 2)
     tracks: list[Track] = field(repr=False)
 
+    def longest(self, interval: float) -> int:
+        """Scans of the car that is there for the longest time."""
+        samples = max((len(t.places) for t in self.tracks if KINDS[t.kind] == "car"), default=1)
+        return round((samples - 1) * interval * RATE) + 1
+
 
 @dataclass
 class Recording:
