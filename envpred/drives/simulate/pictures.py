@@ -30,7 +30,7 @@ def scan_picture(drive: Path, frame: int, reach: float = 45.0) -> Figure:
     across, up, depth = _project(points[:, :3].astype(np.float64))
     drawn = (depth > 1) & (np.abs(points[:, :2]).max(axis=1) < reach)
     order = np.flatnonzero(drawn)[np.argsort(-depth[drawn])]
-    figure, axes = plt.subplots(figsize=(12, 6.5), facecolor="black")
+    figure, axes = plt.subplots(figsize=(12, 5.4), facecolor="black")
     axes.scatter(
         across[order],
         up[order],
@@ -39,7 +39,7 @@ def scan_picture(drive: Path, frame: int, reach: float = 45.0) -> Figure:
         linewidths=0,
         rasterized=True,
     )
-    axes.set(xlim=(-0.95, 0.95), ylim=(-0.62, 0.30), aspect="equal", facecolor="black")
+    axes.set(xlim=(-0.95, 0.95), ylim=(-0.62, 0.235), aspect="equal", facecolor="black")
     axes.axis("off")
     figure.subplots_adjust(0, 0, 1, 1)
     return figure
@@ -54,8 +54,11 @@ def _project(points: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     return -away[:, 1] / safe, (s * away[:, 0] + c * away[:, 2]) / safe, depth
 
 
-def traffic_picture(recording: Recording, network: int, second: float) -> Figure:
-    """The streets of a town and everybody on them at a moment of the recording, each with the path of 3 s to come."""
+def traffic_picture(recording: Recording, network: int, second: float, reach: float = 110.0) -> Figure:
+    """The streets of a town and everybody on them at a moment of the recording, each with the path of 3 s to come.
+
+    The picture shows `reach` metres around the middle of the traffic.
+    """
     figure, axes = plt.subplots(figsize=(9, 8))
     town = recording.networks[network]
     for outline in town.junctions:
@@ -68,18 +71,18 @@ def traffic_picture(recording: Recording, network: int, second: float) -> Figure
         axes.add_patch(Polygon(outline, color=_SHADES[LANES[kind]], lw=0, zorder=1 + order.index(LANES[kind])))
     now = round(second * RATE)
     shown: set[str] = set()
-    for motion in recording.motions(network):
-        k = now - motion.first
-        if not 0 <= k < len(motion.heading):
-            continue
+    present = [(m, now - m.first) for m in recording.motions(network) if 0 <= now - m.first < len(m.heading)]
+    middle = np.median([m.centre[k] for m, k in present], axis=0) if present else np.zeros(2)
+    for motion, k in present:
         user = KINDS[motion.kind]
-        corners = _corners(motion.centre[k], motion.heading[k], max(motion.length, 1.6), max(motion.width, 1.0))
+        corners = _corners(motion.centre[k], motion.heading[k], max(motion.length, 1.2), max(motion.width, 0.9))
         name = None if user in shown else user
         axes.add_patch(Polygon(corners, color=_USERS[user], lw=0, zorder=12, label=name))
         axes.plot(*motion.centre[k : k + 31].T, color=_USERS[user], lw=1.0, alpha=0.6, zorder=11)
         shown.add(user)
-    axes.autoscale_view()
-    axes.set(aspect="equal", xlabel="east (m)", ylabel="north (m)", title=f"{town.name}, {second:g} s")
+    (left, right), (low, high) = (middle[axis] + np.array([-reach, reach]) for axis in (0, 1))
+    axes.set(xlim=(left, right), ylim=(low, high), aspect="equal", title=f"{town.name}, {second:g} s")
+    axes.set(xlabel="east (m)", ylabel="north (m)")
     axes.legend(loc="upper right", ncols=len(shown) or 1, fontsize="small")
     figure.tight_layout()
     return figure
