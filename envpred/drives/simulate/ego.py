@@ -1,12 +1,12 @@
 """The own vehicle: how its body moves on the road, and what its inertial and satellite unit reports of it."""
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
-from envpred.drives.simulate.terrain import Terrain
 from envpred.drives.simulate.traffic import RATE, Motion
 
 FloatArray = NDArray[np.float64]
@@ -20,6 +20,14 @@ _GRAVITY = 9.81
 _DIVE, _LEAN = 0.0045, 0.0055  # radians of pitch and roll per m/s^2
 _EARTH = 6378137.0
 _LATITUDE, _LONGITUDE, _ALTITUDE = 49.0, 8.4, 112.0  # of the network's origin
+
+
+class Ground(Protocol):
+    """What a car can drive on."""
+
+    def height(self, places: FloatArray) -> FloatArray:
+        """Height of the ground (...,) at `places` (..., 2), metres."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -48,7 +56,7 @@ class EgoMotion:
         return pose
 
 
-def drive_over(motion: Motion, terrain: Terrain, first: int, frames: int, rng: np.random.Generator) -> EgoMotion:
+def drive_over(motion: Motion, terrain: Ground, first: int, frames: int, rng: np.random.Generator) -> EgoMotion:
     """The body's motion over `frames` from position `first` of a track on: wheels on the ground, body on springs."""
     before = min(first, 20)  # frames around the drive that filters and differences look at
     after = min(len(motion.heading) - first - frames, 20)
