@@ -27,7 +27,7 @@ def main() -> None:
     print(f"{'town':14}{'build (s)':>10}{'scans/s':>9}{'of promise':>12}{'points a scan':>15}")
     for network, town in enumerate(recording.networks):
         start = time.process_time()
-        scene = build(recording, network, recording.motions(network), scans, np.random.default_rng(network))
+        scene = build(recording, network, recording.motions(network), scans, 7.0, np.random.default_rng(network))
         built = time.process_time() - start
         with tempfile.TemporaryDirectory() as folder:
             # Processor time of this process: what one core does, whatever else runs on the machine.

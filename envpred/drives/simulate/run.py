@@ -22,6 +22,8 @@ from envpred.drives.simulate.traffic import Recording
 from envpred.drives.simulate.writer import DATE, drive_name, write_calibration, write_drive
 from envpred.errors import UserError
 
+_SLOWEST, _FASTEST = 1.5, 12.5  # m/s: mean speeds that egos are looked for at
+_GOLDEN = (5**0.5 - 1) / 2
 _SCAN_BYTES = 2_600_000  # a scan with its labels on disk
 
 _scans_done: "Synchronized[int] | None" = None
@@ -136,7 +138,10 @@ def _drive(day: Path, number: int, frames: int, seed: int, source: Path, towns: 
     block, turn = divmod(number - 1, len(towns))
     network = int(np.random.default_rng([seed, 0, block]).permutation(towns)[turn])
     recording = Recording.load(source)
-    scene = scenes.build(recording, network, recording.motions(network), frames, rng)
+    # Multiples of the golden ratio spread evenly, however many drives there are.
+    offset = np.random.default_rng([seed, 0]).random()
+    pace = _SLOWEST + (_FASTEST - _SLOWEST) * ((offset + number * _GOLDEN) % 1.0)
+    scene = scenes.build(recording, network, recording.motions(network), frames, pace, rng)
     final = day / drive_name(number)
     unfinished = day / f".{final.name}.unfinished"
     with _one_line_for_disk_errors(final):

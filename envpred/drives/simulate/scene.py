@@ -110,14 +110,16 @@ class Scene:
         return float(self.terrain.height(place))
 
 
-def build(recording: Recording, network: int, motions: list[Motion], frames: int, rng: np.random.Generator) -> Scene:
-    """A drive of `frames` scans through a network: an ego and a stretch of its traffic, and a town built around it.
+def build(
+    recording: Recording, network: int, motions: list[Motion], frames: int, pace: float, rng: np.random.Generator
+) -> Scene:
+    """A drive of `frames` scans through a network at a mean speed near `pace` (m/s), and a town built around it.
 
     Raises:
         ValueError: if no car of the recording is there for so many frames (see `Network.longest`).
     """
     town = recording.networks[network].name
-    ego_track, first = _choose(motions, frames, rng, town)
+    ego_track, first = _choose(motions, frames, pace, rng, town)
     motion = motions[ego_track]
     path = motion.centre[first : first + frames]
     slope = float(rng.uniform(0.005, 0.05))
@@ -145,22 +147,21 @@ def build(recording: Recording, network: int, motions: list[Motion], frames: int
     return Scene(town, frames, ego, terrain, join(parts), layout.parked, actors)
 
 
-def _choose(motions: list[Motion], frames: int, rng: np.random.Generator, town: str) -> tuple[int, int]:
+def _choose(motions: list[Motion], frames: int, pace: float, rng: np.random.Generator, town: str) -> tuple[int, int]:
     """A car and the frame it becomes the ego at.
 
-    Of some stretches drawn at random the one is taken whose mean speed is next to a speed drawn evenly, so that drives
-    cover slow and fast ones alike, although most of SUMO's cars move at the limit or wait at a light.
+    Of some stretches drawn at random the one is taken whose mean speed is next to `pace`: drives are to be slow and
+    fast alike, although most of SUMO's cars move at the limit or wait at a light.
     """
     room = np.array([len(m.speed) - frames if KINDS[m.kind] == "car" else -1 for m in motions])
     able = np.flatnonzero(room >= 0)
     if not len(able):
         raise ValueError(f"no car of {town} drives for {frames} frames")
-    wanted = rng.uniform(1.0, 11.5)
     best = (np.inf, 0, 0)
     for track in rng.choice(able, _TRIES, p=(room[able] + 1) / (room[able] + 1).sum()):
         first = int(rng.integers(0, room[track] + 1))
         speed = float(motions[track].speed[first : first + frames].mean())
-        best = min(best, (abs(speed - wanted), int(track), first))
+        best = min(best, (abs(speed - pace), int(track), first))
     return best[1], best[2]
 
 
