@@ -64,8 +64,13 @@ def test_the_readers_agree_on_frames_and_times(drives: list[KittiDrive]) -> None
     for drive in drives:
         assert drive.frames == list(range(FRAMES))
         assert drive.time(FRAMES - 1) == pytest.approx(0.1 * (FRAMES - 1))
-        for part in ("timestamps_start", "timestamps", "timestamps_end"):
-            assert len((drive.folder / "velodyne_points" / f"{part}.txt").read_text().splitlines()) == FRAMES
+        parts = [
+            (drive.folder / "velodyne_points" / f"timestamps{part}.txt").read_text() for part in ("_start", "", "_end")
+        ]
+        start, middle, end = (np.array(part.split("\n")[:FRAMES], "datetime64[ns]") for part in parts)
+        np.testing.assert_array_equal(middle - start, np.timedelta64(50_000_000, "ns"))
+        np.testing.assert_array_equal(end[:-1], start[1:])
+        np.testing.assert_array_equal(end - middle, np.timedelta64(50_000_000, "ns"))
 
 
 def test_velocity_acceleration_and_rate_belong_to_the_poses(drives: list[KittiDrive]) -> None:
