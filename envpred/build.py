@@ -1,16 +1,14 @@
 """The per-drive job: drive -> mapping -> store, in local processes or on a Dask cluster."""
 
-import errno
-import multiprocessing
-import os
-import signal
+import contextlib
+import functools
+import platform
 import sys
 import threading
-from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+import time
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any, Literal
 
 import numpy as np
@@ -19,12 +17,13 @@ from tqdm import tqdm
 from envpred.drives import Drive, find_drives
 from envpred.drives.drive import PAPER_SENSOR_OFFSET
 from envpred.errors import UserError
+from envpred.executors import in_processes, on_cluster
 from envpred.mapping import evidence
 from envpred.mapping.evidence import EvidenceParameters
 from envpred.mapping.geometry import GridSpec
 from envpred.mapping.ground import GroundSegmenter, MarkovRandomField
 from envpred.mapping.label_grid import RayCasting
-from envpred.store import DriveWriter, Store
+from envpred.store import DriveWriter, Store, sweep
 
 
 @dataclass(frozen=True)
@@ -64,40 +63,44 @@ def build(
     Raises:
         UserError: if drives fail (after the others are done), or the store does not fit.
     """
+    if workers is not None and workers < 1:
+        raise UserError(f"--workers {workers} must be at least 1")
     parameters = parameters or MappingParameters()
     found = _chosen(find_drives(source), drives)
     target = Store(store)
     key = target.claim("mapping", parameters.as_dict(), force=force)
+    sweep(store)
     done = {name for name, stored in target.drives.items() if stored.manifest["groups"].get("mapping") == key}
     todo = [drive for drive in found if force or drive.name not in done]
-    print(f"{len(found)} drives, {len(found) - len(todo)} of them in {store} already", file=sys.stderr)
-    failures: list[str] = []
-    total = 0
-    for drive in list(todo):
-        try:
-            if not drive.frames:
-                raise UserError(f"{drive.name}: no frame has both a scan and a pose; check that both are unpacked")
-            total += len(drive.frames)
-        except UserError as error:
-            failures.append(str(error))
-            todo.remove(drive)
-    jobs = (
-        _on_cluster(cluster, todo, store, parameters, key)
-        if cluster
-        else _in_processes(todo, store, parameters, key, workers)
-    )
-    with tqdm(total=total, unit="frame", disable=not todo, mininterval=0.5) as bar:
-        bar.set_description("starting")
+    if not todo:
+        _say(f"nothing to do: {store} holds {_drives(len(found))} of {source}")
+        return
+    _say(f"{_drives(len(todo))} to map, {len(found) - len(todo)} of {len(found)} in {store} already")
+    start = time.monotonic()
+    ready, failures = _check(todo)
+    ready.sort(key=lambda drive: -len(drive.frames))  # the longest first, so that no worker is left with it at the end
+    job = functools.partial(_attempt, store=store.resolve(), parameters=parameters, key=key)
+    if ready and not cluster:
+        _compile(parameters)
+    mapped = 0
+    with (
+        contextlib.closing(on_cluster(job, ready, cluster) if cluster else in_processes(job, ready, workers)) as jobs,
+        tqdm(total=sum(len(d.frames) for d in ready), unit="frame", disable=not ready, mininterval=0.5) as bar,
+    ):
+        bar.set_description("starting workers")
         for frames, failure in jobs:
             if frames:
-                bar.set_description("mapping")
+                if not mapped:
+                    bar.unpause()  # rate and time left are the mapping's, not the start's
+                    bar.set_description("mapping")
+                mapped += frames
                 bar.update(frames)
             if failure:
                 failures.append(failure)
     if failures:
-        raise UserError(
-            "\n".join([*failures, f"{len(failures)} of {len(found)} drives failed; the others are in {store}"])
-        )
+        failed = f"{len(failures)} of {len(todo)} drives failed; the others are in {store}"
+        raise UserError("\n".join([*failures, failed]))
+    _say(f"{_drives(len(todo))}, {mapped} frames mapped into {store} in {time.monotonic() - start:.0f} s")
 
 
 def map_drive(
@@ -147,104 +150,60 @@ def _chosen(found: list[Drive], names: list[str] | None) -> list[Drive]:
     missing = [name for name in names if name not in known]
     if missing:
         raise UserError(f"no drive named {', '.join(missing)} in the source; it has {', '.join(known)}")
-    return [known[name] for name in names]
+    return [known[name] for name in dict.fromkeys(names)]
+
+
+def _check(drives: list[Drive]) -> tuple[list[Drive], list[str]]:
+    """The drives that have frames, their poses read, and a line for each of the others."""
+    ready, failures = [], []
+    for drive in tqdm(drives, "reading poses", unit="drive", leave=False, delay=1):
+        try:
+            if not drive.frames:
+                raise UserError(f"{drive.name}: no frame has both a scan and a pose; check that both are unpacked")
+            ready.append(drive)
+        except UserError as error:
+            failures.append(str(error))
+        except OSError as error:
+            failures.append(f"{error.filename}: {drive.name} cannot be read ({error.strerror})")
+    return ready, failures
+
+
+def _compile(parameters: MappingParameters) -> None:
+    """Compile the mapping before the workers start, so that it happens once and is announced if it takes a while."""
+    wait = "compiling the mapping for this machine: some seconds, kept on disk for the next time"
+    notice = threading.Timer(1.0, _say, [wait])
+    notice.daemon = True
+    notice.start()
+    try:
+        spec = GridSpec()
+        points = np.ones((1, 4), np.float32)
+        obstacle = parameters.ground.obstacles(points)
+        origin, centre = np.zeros(2), np.zeros(2, np.int32)
+        label = parameters.rays.label(points, obstacle, np.eye(4), centre, origin, spec)
+        evidence.step(np.zeros((2, *label.shape), np.float32), label, centre, parameters.evidence)
+    finally:
+        notice.cancel()
 
 
 def _attempt(
-    drive: Drive, store: Path, parameters: MappingParameters, key: str, on_frame: Callable[[], None] = lambda: None
+    drive: Drive, on_frame: Callable[[], None], *, store: Path, parameters: MappingParameters, key: str
 ) -> str | None:
     """Map one drive; a failure that the user can mend comes back as its line, so that other drives go on."""
     try:
+        if not store.is_dir():
+            raise UserError(f"{store}: not to be seen from {platform.node()}; give a folder that all workers share")
         map_drive(drive, store, parameters, key, on_frame)
     except UserError as error:
         return str(error)
     except OSError as error:
-        if error.errno not in (errno.ENOSPC, errno.EDQUOT, errno.EACCES, errno.EROFS):
-            raise
-        return (
-            f"{store}: {drive.name} was not written ({error.strerror}); make room or give another store, and run again"
-        )
+        place = error.filename or store
+        return f"{place}: {drive.name} was not mapped ({error.strerror}); make room or mend the folder, and run again"
     return None
 
 
-Outcome = Iterator[tuple[int, str | None]]  # frames more, and the line of a drive that failed
+def _drives(count: int) -> str:
+    return f"{count} drive{'' if count == 1 else 's'}"
 
 
-def _in_processes(
-    drives: list[Drive], store: Path, parameters: MappingParameters, key: str, workers: int | None
-) -> Outcome:
-    count = min(workers or os.cpu_count() or 1, len(drives))
-    if count == 0:
-        return
-    context = multiprocessing.get_context("spawn")  # fork would copy torch's and numba's threads half
-    frames = context.Value("q", 0)
-    seen = 0
-    pool = ProcessPoolExecutor(count, context, initializer=_enter_worker, initargs=(frames,))
-    try:
-        waiting: set[Future[str | None]] = {pool.submit(_job, d, store, parameters, key) for d in drives}
-        while waiting:
-            finished: set[Future[str | None]] = set()
-            try:
-                for future in as_completed(waiting, timeout=0.5):
-                    finished.add(future)
-                    yield 0, future.result()
-            except TimeoutError:
-                pass
-            waiting -= finished
-            now = frames.value
-            yield now - seen, None
-            seen = now
-    except BaseException:
-        # Ctrl-C, or a worker that died: nothing half-built may go on behind our back.
-        for process in multiprocessing.active_children():
-            process.terminate()
-        raise
-    finally:
-        pool.shutdown(wait=True, cancel_futures=True)
-
-
-def _enter_worker(frames: Any) -> None:
-    """Leave Ctrl-C to the parent, and follow it if it is killed."""
-    _worker.frames = frames
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # unwinds, so that the unfinished part is removed
-    parent = multiprocessing.parent_process()
-
-    def follow() -> None:
-        if parent is not None:
-            parent.join()
-            os._exit(1)
-
-    threading.Thread(target=follow, daemon=True).start()
-
-
-_worker = SimpleNamespace(frames=None)  # what a local worker process shares with its parent
-
-
-def _job(drive: Drive, store: Path, parameters: MappingParameters, key: str) -> str | None:
-    def count() -> None:
-        with _worker.frames.get_lock():
-            _worker.frames.value += 1
-
-    return _attempt(drive, store, parameters, key, count)
-
-
-def _on_cluster(address: str, drives: list[Drive], store: Path, parameters: MappingParameters, key: str) -> Outcome:
-    """One task a drive; Dask gives the task of a worker that died to another one."""
-    try:
-        import distributed
-    except ImportError:
-        raise UserError("--cluster needs Dask: pip install 'envpred[cluster]'") from None
-    try:
-        client: Any = distributed.Client(address, timeout="10s")
-    except (OSError, TimeoutError, ValueError) as error:
-        raise UserError(
-            f"{address}: no Dask scheduler answers there ({error}); start one with `dask scheduler`"
-        ) from None
-    with client:
-        futures = {
-            client.submit(_attempt, drive, store.resolve(), parameters, key, pure=False): len(drive.frames)
-            for drive in drives
-        }
-        for future in distributed.as_completed(list(futures)):
-            yield futures[future], future.result()
+def _say(line: str) -> None:
+    tqdm.write(line, file=sys.stderr)

@@ -3,14 +3,13 @@
     envpred grids --source KITTI --store grids/
     envpred fit --config configs/model/prednet.yaml --config configs/data/dst_static.yaml --data.store grids/
 
-Torch and Lightning are imported by the commands that need them: worker processes import this module too.
+Everything is imported where it is needed: worker processes import this module too, and a Ctrl-C while libraries load
+is to end like any other.
 """
 
 import sys
+from pathlib import Path
 
-from jsonargparse import ArgumentParser
-
-from envpred.commands import COMMANDS
 from envpred.errors import UserError
 
 
@@ -18,6 +17,8 @@ def main(args: list[str] | None = None) -> None:
     """Entry point; a user's mistake is one line on standard error and exit code 1."""
     args = sys.argv[1:] if args is None else args
     try:
+        from envpred.commands import COMMANDS
+
         if args and args[0] in COMMANDS:
             own(args[0], args[1:])
         else:
@@ -34,11 +35,18 @@ def main(args: list[str] | None = None) -> None:
 
 def own(name: str, args: list[str]) -> None:
     """Run one of our own commands with `args`."""
+    from jsonargparse import ArgumentParser
+
+    from envpred.commands import COMMANDS, POSITIONAL
+
     function = COMMANDS[name]
     parser = ArgumentParser(prog=f"envpred {name}", description=(function.__doc__ or "").splitlines()[0])
     parser.add_argument("--config", action="config", help="Path to a configuration file in YAML.")
-    parser.add_function_arguments(function, as_positional=False)
-    options = parser.instantiate_classes(parser.parse_args(args))
+    name_of, count = POSITIONAL.get(name, (None, None))
+    if name_of is not None:
+        parser.add_argument(name_of, nargs=count, type=Path)
+    parser.add_function_arguments(function, as_positional=False, skip={name_of} if name_of else None)
+    options = parser.instantiate(parser.parse_args(args))
     function(**{key: options[key] for key in vars(options) if key != "config"})
 
 

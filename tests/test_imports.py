@@ -15,11 +15,12 @@ ALLOWED = {
     "networks": {"networks", "errors"},
     "metrics": {"metrics"},
     "drives": {"drives", "mapping.geometry", "errors"},
-    "store": {"errors", "__version__"},
+    "store": {"store", "errors", "__version__"},
     "datamodules": {"datamodules", "store", "mapping", "errors"},
-    "plots": {"mapping", "results"},
+    "plots": {"mapping", "movers", "results"},
     "results": {"models", "__version__"},  # names alone, for types
-    "build": {"drives", "mapping", "store", "errors"},
+    "build": {"drives", "executors", "mapping", "store", "errors"},
+    "executors": {"drives", "errors"},
     "models": {"models", "networks", "datamodules", "metrics", "results", "errors"},
 }
 

@@ -1,8 +1,8 @@
 """PredNet (Lotter, Kreiman, Cox 2017), equal to the authors' Keras layer in the form that the paper uses.
 
-Layer l works on H/2^l x W/2^l cells.  The names of its four parts are those of the PredNet paper: the *representation*
-R (a convolutional LSTM), the *prediction* Ahat of the layer's input, that input or *target* A, and the *error* E between
-the two.  All kernels are 3 x 3 with zero padding.
+Layer l works on H/2^l x W/2^l cells.  Its four parts have the names of the PredNet paper: the *representation*
+R (a convolutional LSTM), the *prediction* Ahat of the layer's input, that input or *target* A, and the *error* E of the
+prediction.  All kernels are 3 x 3 with zero padding.
 """
 
 from collections.abc import Mapping, Sequence
@@ -14,6 +14,9 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn import functional
+
+from envpred.networks.prednet_gradient import unroll
+from envpred.networks.prednet_window import LayerWeights, Plan, dense
 
 KERAS_GATES = "ifoc"  # the order of the gates within our fused convolution: the three sigmoids, then the candidate
 
@@ -112,25 +115,37 @@ class PredNet(nn.Module):
     ) -> Unrolled:
         """As `forward`, with the errors (B, T', error_layers) of the lowest `error_layers` layers (default all).
 
-        From step `given` on, errors are those against the prediction that was read in the frame's place.
+        Once no frames are shown, errors are those against the prediction that is read in the frame's place.
         """
-        shown, steps = self._plan(frames, given, steps)
-        wanted = len(self.channels) if error_layers is None else error_layers
-        state = self.initial_state(frames.shape[0], *frames.shape[3:])
+        if torch.compiler.is_compiling():
+            return self.unroll_by_steps(frames, given, steps, error_layers)
+        plan = self._plan(frames, given, steps, error_layers)
+        device = frames.device.type
+        dtype = torch.get_autocast_dtype(device) if torch.is_autocast_enabled(device) else self.lowest.dtype
+        convolutions = zip(self.gates, self.predict, (*self.target, None), strict=True)
+        weights = [LayerWeights.prepare(*layer, dtype) for layer in convolutions]
+        return Unrolled(*unroll(frames, self.lowest, plan, weights))
+
+    def unroll_by_steps(
+        self, frames: Tensor, given: int | None = None, steps: int | None = None, error_layers: int | None = None
+    ) -> Unrolled:
+        """As `unroll`, step by step as autograd records them: slower, but the form that torch.compile takes."""
+        plan = self._plan(frames, given, steps, error_layers)
+        state = self.initial_state(len(frames), *frames.shape[3:])
         predictions, errors = [], []
-        for t in range(steps):
+        for t in range(plan.steps):
             predictions.append(state.prediction)
-            state, error = self._advance(frames[:, t] if t < shown else None, state)
-            errors += [e.mean(dim=(1, 2, 3)) for e in error[:wanted]]
-        stacked = torch.stack(errors, 1) if wanted else frames.new_empty(len(frames), 0)
-        return Unrolled(torch.stack(predictions, 1), stacked.view(len(frames), steps, wanted))
+            state, error = self._advance(frames[:, t] if t < plan.shown else None, state)
+            errors += [e.mean(dim=(1, 2, 3)) for e in error[: plan.error_layers]]
+        stacked = torch.stack(errors, 1) if errors else frames.new_empty(len(frames), 0)
+        return Unrolled(torch.stack(predictions, 1), stacked.view(len(frames), plan.steps, plan.error_layers))
 
     def initial_state(self, batch: int, height: int, width: int) -> PredNetState:
         """The state before any frame of a stream of `batch` grids of `height` x `width` cells."""
         self._check_size(height, width)
         weight = self.predict[0].weight
         sizes = [(batch, s, height >> layer, width >> layer) for layer, s in enumerate(self.channels)]
-        zero = [torch.zeros(size, dtype=weight.dtype, device=weight.device) for size in sizes]
+        zero = [dense(torch.zeros(size, dtype=weight.dtype, device=weight.device)) for size in sizes]
         error = [torch.cat([z, z], 1) for z in zero]
         return self._predict(error, PredNetState(tuple(zero), tuple(zero), zero[0], zero[0]))
 
@@ -180,18 +195,22 @@ class PredNet(nn.Module):
             return torch.where(self.lowest < 0, value.clamp(-1, 1), value.relu().clamp(max=1))
         return value.relu().clamp(max=1)
 
-    def _plan(self, frames: Tensor, given: int | None, steps: int | None) -> tuple[int, int]:
-        """How many frames are shown, and how many steps there are."""
+    def _plan(self, frames: Tensor, given: int | None, steps: int | None, error_layers: int | None) -> Plan:
+        """What is asked for, checked."""
         if frames.ndim != 5 or frames.shape[2] != self.channels[0]:
             raise ValueError(f"PredNet of {self.channels[0]} channels reads (B, T, C, H, W), not {tuple(frames.shape)}")
         self._check_size(*frames.shape[3:])
-        given = frames.shape[1] if given is None else given
-        if not 1 <= given <= frames.shape[1]:
-            raise ValueError(f"given is 1 to the {frames.shape[1]} frames of the window, not {given}")
-        steps = frames.shape[1] if steps is None else steps
+        length, layers = frames.shape[1], len(self.channels)
+        given = length if given is None else given
+        steps = length if steps is None else steps
+        error_layers = layers if error_layers is None else error_layers
+        if not 1 <= given <= length:
+            raise ValueError(f"given is 1 to the {length} frames of the window, not {given}")
         if steps < 1:
             raise ValueError(f"PredNet needs at least one step, not {steps}")
-        return given, steps
+        if not 0 <= error_layers <= layers:
+            raise ValueError(f"error_layers is 0 to the network's {layers} layers, not {error_layers}")
+        return Plan(min(given, steps), steps, error_layers, self.feedback == "stale")
 
     def _check_size(self, height: int, width: int) -> None:
         multiple = 2 ** (len(self.channels) - 1)

@@ -21,7 +21,7 @@ QUICK = ["--trainer.accelerator=cpu", "--trainer.enable_progress_bar=false", "--
 @pytest.fixture(scope="module")
 def store(tmp_path_factory: pytest.TempPathFactory) -> Path:
     drives = {name: list(range(40)) for name in ("a", "b", "c")}
-    return write_store(tmp_path_factory.mktemp("e2e") / "grids", drives)
+    return write_store(tmp_path_factory.mktemp("e2e") / "grids", drives, cells=32)  # FCN halves it five times
 
 
 @pytest.fixture(autouse=True)
@@ -57,11 +57,11 @@ def failure(args: list[str], capsys: pytest.CaptureFixture[str]) -> str:
 @pytest.mark.parametrize("data", DATA, ids=lambda path: path.stem)
 @pytest.mark.parametrize("model", MODELS, ids=lambda path: path.stem)
 def test_every_configuration_fits_tests_and_predicts(model: Path, data: Path, store: Path) -> None:
-    args = configured(model, data, store, "--trainer.limit_test_batches=1", "--trainer.limit_predict_batches=1")
+    one_window = ["--data.samples=1", "--data.batch_size=1", "--data.val=[b@-20]", "--data.test=[c@-20]"]
+    args = configured(model, data, store, *one_window)
     trains = "epochs" in model.read_text()
     if trains:
-        short = ["--trainer.max_epochs=1", "--trainer.limit_train_batches=1", "--trainer.limit_val_batches=1"]
-        main(["fit", *args, *short])
+        main(["fit", *args, "--trainer.max_epochs=1"])
     checkpoint = ["--ckpt_path", "best"] if trains else []
     main(["test", *args, *checkpoint])
     main(["predict", *args, *checkpoint])
@@ -69,7 +69,7 @@ def test_every_configuration_fits_tests_and_predicts(model: Path, data: Path, st
     found = json.loads(result.read_text())
     assert len(found["metrics"]["mse"]["mean"]) == 15
     assert found["variant"] == data.stem
-    assert found["checkpoint"] is None or found["checkpoint"].endswith("best_t1.ckpt")
+    assert trains == (found["checkpoint"] is not None)
     assert (result.parent / "pictures" / "window_0.png").stat().st_size > 1000
 
 

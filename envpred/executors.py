@@ -1,0 +1,152 @@
+"""Where the per-drive jobs run: in local processes, or on a Dask cluster."""
+
+import contextlib
+import multiprocessing
+import os
+import signal
+import sys
+import threading
+from collections.abc import Callable, Generator, Iterator
+from concurrent.futures import CancelledError, Future, ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from types import SimpleNamespace
+from typing import Any
+
+from tqdm import tqdm
+
+from envpred.drives import Drive
+from envpred.errors import UserError
+
+# A drive and what to call after each frame -> the line that says why it failed, or None; it must be picklable.
+Job = Callable[[Drive, Callable[[], None]], str | None]
+Outcome = Generator[tuple[int, str | None], None, None]  # frames more, and the line of a drive that failed
+
+
+def in_processes(job: Job, drives: list[Drive], workers: int | None) -> Outcome:
+    """Run `job` for each drive in `workers` local processes, by default one a core.
+
+    Closing the generator, or an exception thrown through it, ends the workers; what they had begun is removed.
+
+    Raises:
+        UserError: if a worker is killed from outside.
+    """
+    count = min(workers or len(os.sched_getaffinity(0)), len(drives))
+    if count == 0:
+        return
+    context = multiprocessing.get_context("spawn")  # fork would copy torch's and numba's threads half
+    frames = context.Value("q", 0)
+    seen = 0
+    waiting: set[Future[str | None]] = set()
+    others = set(multiprocessing.active_children())
+    pool = ProcessPoolExecutor(count, context, initializer=_enter_worker, initargs=(frames,))
+    try:
+        with _interrupt_later():
+            waiting = {pool.submit(_in_worker, job, drive) for drive in drives}
+        while waiting:
+            finished: set[Future[str | None]] = set()
+            try:
+                for future in as_completed(waiting, timeout=0.5):
+                    finished.add(future)
+                    yield 0, future.result()
+            except TimeoutError:
+                pass
+            waiting -= finished
+            now = frames.value
+            yield now - seen, None
+            seen = now
+    except BrokenProcessPool:
+        raise UserError(
+            "a worker process was killed from outside (out of memory?); finished drives are kept: "
+            "run the same command again to go on, with fewer --workers if memory is short"
+        ) from None
+    finally:
+        if waiting:  # after Ctrl-C or a failure nothing may go on behind our back
+            for process in set(multiprocessing.active_children()) - others:
+                process.terminate()
+        pool.shutdown(wait=True, cancel_futures=True)
+
+
+@contextlib.contextmanager
+def _interrupt_later() -> Iterator[None]:
+    """Hold a Ctrl-C back while worker processes are started, and keep it from them while they import.
+
+    They inherit the signal mask.  The mask alone is not enough here: another thread may take the signal.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    held: list[int] = []
+    handler = signal.signal(signal.SIGINT, lambda number, _: held.append(number))
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+        signal.signal(signal.SIGINT, handler)
+    if held:
+        raise KeyboardInterrupt
+
+
+_worker = SimpleNamespace(frames=None)  # what a local worker process shares with its parent
+
+
+def _enter_worker(frames: Any) -> None:
+    """Leave Ctrl-C to the parent, and follow it if it is killed."""
+    _worker.frames = frames
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # unwinds, so that the unfinished part is removed
+    parent = multiprocessing.parent_process()
+
+    def follow() -> None:
+        if parent is not None:
+            parent.join()
+            os._exit(1)
+
+    threading.Thread(target=follow, daemon=True).start()
+
+
+def _in_worker(job: Job, drive: Drive) -> str | None:
+    def count() -> None:
+        with _worker.frames.get_lock():
+            _worker.frames.value += 1
+
+    try:
+        return job(drive, count)
+    except SystemExit:
+        os._exit(1)  # the pool would catch it and begin the next drive
+
+
+def on_cluster(job: Job, drives: list[Drive], address: str) -> Outcome:
+    """Run `job` for each drive as a task on the Dask cluster at `address`; a dead worker's tasks go to another one.
+
+    Raises:
+        UserError: if no scheduler answers, or it goes away.
+    """
+    try:
+        import distributed
+    except ImportError:
+        raise UserError("--cluster needs Dask: pip install 'envpred[cluster]'") from None
+    try:
+        client: Any = distributed.Client(address, timeout="5s")
+    except (OSError, ValueError) as error:
+        raise UserError(
+            f"{address}: no Dask scheduler answers there ({error}); start one with `dask scheduler`"
+        ) from None
+    with client:
+        if not client.scheduler_info()["workers"]:
+            tqdm.write(f"{address}: has no workers yet; start some with `dask worker {address}`", file=sys.stderr)
+        tasks = {client.submit(job, drive, _ignore, pure=False): drive for drive in drives}
+        for future in distributed.as_completed(list(tasks)):
+            drive = tasks[future]
+            try:
+                yield len(drive.frames), future.result()
+            except distributed.KilledWorker:
+                yield 0, f"{drive.name}: every worker that mapped it was killed (out of memory?)"
+            except CancelledError:
+                raise UserError(
+                    f"{address}: the scheduler went away; finished drives are kept: run the same command again to go on"
+                ) from None
+
+
+def _ignore() -> None:
+    """Frames are not counted across machines; a drive's come at once when it is done."""

@@ -1,0 +1,89 @@
+"""Calibration: of the cells forecast at 70 %, are 70 % occupied?"""
+
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from envpred.metrics.outcome import outcome
+from envpred.metrics.windows import PerHorizon, WindowMetric, summarise, without_nan
+
+PARTS = 3  # of a bin: number of cells, sum of their forecasts, number of them occupied
+
+
+def reliability_bins(forecast: Tensor, target: Tensor, bins: int = 10) -> Tensor:
+    """Number of known cells, sum of their forecasts and number of occupied ones per bin: (B, N, 3, bins).
+
+    `forecast` and `target` (B, N, H, W); bin k holds forecasts in [k/bins, (k+1)/bins), the last one 1 as well.
+    """
+    pairs = forecast.shape[:2].numel()
+    place = (forecast * bins).int().clamp_(0, bins - 1)
+    # One histogram of all grids at once: [grid, outcome, bin]; the outcome "no evidence" is dropped.
+    grid = torch.arange(pairs, dtype=torch.int32, device=forecast.device).view(*forecast.shape[:2], 1, 1)
+    place = ((grid * 3 + outcome(target)) * bins + place).flatten()
+    shape = (*forecast.shape[:2], 3, bins)
+    free, full, _ = torch.bincount(place, minlength=pairs * 3 * bins).view(shape).unbind(2)
+    sums = torch.bincount(place, forecast.double().flatten(), minlength=pairs * 3 * bins).view(shape)
+    return torch.stack([free + full, sums[:, :, :2].sum(2), full], dim=2).float()
+
+
+def expected_calibration_error(parts: Tensor) -> Tensor:
+    """Mean over cells of |mean forecast - occupied share| of the cell's bin: (...) of `parts` (..., 3, bins).
+
+    Naeini, Cooper, Hauskrecht 2015, equation 3, with equal bins of the forecast probability.  NaN without cells.
+    """
+    count, forecast, full = parts.double().unbind(-2)
+    return (forecast - full).abs().sum(-1) / count.sum(-1)
+
+
+class Reliability:
+    """A reliability diagram per horizon: `count`, mean `forecast` and `occupied` share of each bin, all (N, bins).
+
+    `ece` (N,) is the expected calibration error over all windows taken together.  NaN in empty bins.
+    """
+
+    def __init__(self, parts: Tensor) -> None:
+        self.count, forecast, full = parts.double().unbind(-2)
+        self.forecast, self.occupied = forecast / self.count, full / self.count
+        self.ece = expected_calibration_error(parts)
+
+    def as_json(self) -> dict[str, Any]:
+        """Lists for a result file, None where a bin is empty."""
+        return {"ece": without_nan(self.ece.tolist())} | {
+            name: [without_nan(row) for row in values.tolist()]
+            for name, values in (("count", self.count), ("forecast", self.forecast), ("occupied", self.occupied))
+        }
+
+
+class Calibration(WindowMetric):
+    """Expected calibration error (`ece`, of each window) and reliability diagram (`reliability`, of all), per horizon.
+
+    Over cells whose target has evidence.  The error of one window is above that of all windows together, since errors
+    of opposite sign no longer cancel.
+
+    >>> import torch
+    >>> metric = Calibration(horizons=1)
+    >>> metric.update(torch.full((1, 1, 1, 4), 0.75), torch.tensor([[[[1.0, 1.0, 0.0, 0.0]]]]))
+    >>> metric.compute()["ece"].mean.item()
+    0.25
+    """
+
+    higher_is_better = False
+
+    def __init__(self, horizons: int = 15, bins: int = 10, **kwargs: Any) -> None:
+        super().__init__(horizons, **kwargs)
+        self.bins = bins
+
+    @property
+    def width(self) -> int:
+        return self.horizons * PARTS * self.bins
+
+    def measure(self, forecast: Tensor, target: Tensor, last: Tensor) -> Tensor:
+        return reliability_bins(forecast, target, self.bins).flatten(1)
+
+    def compute(self) -> dict[str, PerHorizon | Reliability]:
+        """Over all windows seen in all processes."""
+        index, values = self.rows()
+        parts = values.view(-1, self.horizons, PARTS, self.bins).double()
+        ece = summarise(expected_calibration_error(parts), index, skip_undefined=True)
+        return {"ece": ece, "reliability": Reliability(parts.sum(0))}

@@ -1,0 +1,61 @@
+"""Which things move in a window of grids: what a picture should point at."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+OCCUPIED_FROM, FREE_BELOW = 0.85, 0.20  # as the image similarity's classes: sure of it either way
+EGO_CELLS = 9  # the ego's body reaches 3 m from the centre cell
+EIGHT = np.ones((3, 3), np.bool_)  # cells that touch at a corner belong together
+
+
+class Mover(NamedTuple):
+    """A thing that moves: its centre (i, j) and radius, in cells of the grid it was found in."""
+
+    i: float
+    j: float
+    radius: float
+
+
+def on_lattice_of(grid: NDArray[np.floating], shift: NDArray[np.integer], fill: float = 0.5) -> NDArray[np.floating]:
+    """`grid` (H, W) on a grid whose centre cell lies `shift` (2,) cells further; `fill` where nothing was seen."""
+    moved = np.full_like(grid, fill)
+    height, width = grid.shape
+    di, dj = int(shift[0]), int(shift[1])
+    if abs(di) < height and abs(dj) < width:
+        moved[max(0, -di) : height - max(0, di), max(0, -dj) : width - max(0, dj)] = grid[
+            max(0, di) : height - max(0, -di), max(0, dj) : width - max(0, -dj)
+        ]
+    return moved
+
+
+def movers(
+    occupancy: NDArray[np.floating],
+    centre_cell: NDArray[np.integer],
+    frame: int,
+    count: int = 2,
+    back: int = 5,
+    cells: tuple[int, int] = (4, 120),
+) -> list[Mover]:
+    """The `count` largest movers in `frame` of `occupancy` (T, H, W), whose grids lie at `centre_cell` (T, 2).
+
+    Cells that are occupied now and were seen to be free `back` frames ago, at the same place in the world, joined
+    where they touch; patches outside the range of `cells` are noise, or a wall that came into sight.  The ego, at the
+    grid's centre, is left out.
+    """
+    before = max(0, frame - back)
+    earlier = on_lattice_of(occupancy[before], centre_cell[frame] - centre_cell[before])
+    came = (occupancy[frame] >= OCCUPIED_FROM) & (earlier < FREE_BELOW)
+    patches, _ = ndimage.label(came, EIGHT)
+    sizes = np.bincount(patches.ravel())
+    found: list[Mover] = []
+    for n in np.argsort(-sizes, kind="stable"):
+        place = np.argwhere(patches == n)
+        centre = place.mean(axis=0)
+        is_ego = np.hypot(*(centre - np.array(came.shape) // 2)) < EGO_CELLS
+        if n > 0 and cells[0] <= sizes[n] <= cells[1] and not is_ego and len(found) < count:
+            radius = np.abs(place - centre).max() + 3
+            found.append(Mover(float(centre[0]), float(centre[1]), float(radius)))
+    return found

@@ -1,0 +1,69 @@
+"""From results of test runs alone to tables, curves and one HTML page."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from envpred.plots import save
+from envpred.report.curves import error_curves, reliability_diagram
+from envpred.report.page import Picture, page, pictures_of
+from envpred.report.runs import read_runs
+from envpred.report.tables import (
+    comparisons,
+    methods,
+    methods_table,
+    models_table,
+    moved_ratio_table,
+    other_tables,
+    pairs_table,
+    published_table,
+    ratio_table,
+    shown_columns,
+    variants_table,
+)
+
+PAGE = "report.html"
+
+
+CAPTIONS = {
+    "error": "Mean squared error over the horizon, bands of one standard error over windows. "
+    "The right half is what the paper published, on other drives.",
+    "reliability": "Share of cells that were occupied over the probability forecast for them, in ten bins, over cells "
+    "whose target has evidence. On the grey line a forecast means what it says.",
+}
+
+
+def report(runs: Sequence[Path], out: Path) -> Path:
+    """Compare test runs: write tables (Markdown, CSV, LaTeX), curves (PNG, PDF) and `report.html` into `out`.
+
+    Returns the page.  Same results, same report.
+
+    Args:
+        runs: result files, or folders that hold some, all of the same test windows.
+        out: folder for the report.
+
+    Raises:
+        UserError: if a result is missing, damaged, partial, stale or of other windows; nothing is written.
+    """
+    read = read_runs(runs)
+    pictures = pictures_of(read)
+    pairs = comparisons(methods(read), shown_columns(read[0]))
+    tables = (methods_table(read, pairs), variants_table(read), ratio_table(read), moved_ratio_table(read))
+    measured = [table for table in tables if table is not None]
+    appendix = [*other_tables(read), *([pairs_table(read, pairs)] if pairs else []), models_table(read)]
+    published = [published_table()]
+    figures = {"error": ("Error over the horizon", error_curves(read))}
+    reliability = reliability_diagram(read)
+    if reliability is not None:
+        figures["reliability"] = ("Reliability", reliability)
+
+    out = Path(out)
+    out.mkdir(parents=True, exist_ok=True)
+    for table in (*measured, *published, *appendix):
+        for ending, text in (("md", table.markdown()), ("csv", table.csv()), ("tex", table.latex())):
+            (out / f"{table.name}.{ending}").write_text(text)
+    curves = {}
+    for name, (heading, drawn) in figures.items():
+        save(drawn, out / f"{name}.pdf")
+        curves[heading] = Picture.read(save(drawn, out / f"{name}.png"), CAPTIONS[name])
+    (out / PAGE).write_text(page(read, measured, published, appendix, curves, pictures))
+    return out / PAGE

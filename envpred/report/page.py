@@ -1,0 +1,119 @@
+"""One self-contained HTML page: tables, curves, pictures and animations, opened from disk without a network."""
+
+import base64
+import html
+import mimetypes
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from envpred.errors import UserError
+from envpred.report.runs import Run
+from envpred.report.table import Table
+
+LONG = 24  # rows from which a table of the appendix is folded
+STYLE = """
+body { font: 15px/1.5 system-ui, sans-serif; max-width: 72em; margin: 2em auto; padding: 0 1em; color: #222; }
+h1, h2, h3 { line-height: 1.2; } h2 { margin-top: 2em; border-bottom: 1px solid #ccc; }
+table { border-collapse: collapse; margin: .6em 0; font-size: 14px; }
+th, td { padding: .25em .7em; border-bottom: 1px solid #ddd; text-align: left; vertical-align: top; }
+th { border-bottom: 2px solid #444; } .number { text-align: right; white-space: nowrap; }
+.wide { overflow-x: auto; } .caption, figcaption { color: #555; font-size: 13px; max-width: 60em; margin: .2em 0 1em; }
+.published { background: #f4f1e8; border-left: 4px solid #e69f00; padding: .2em 1em; }
+figure { margin: 1em 0; } img { max-width: 100%; height: auto; } dt, summary { font-weight: 600; }
+#models td:last-child { font: 12px ui-monospace, monospace; min-width: 22em; word-break: break-word; }
+"""
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A picture or animation as the page holds it: `caption` below, `content` of media type `media`."""
+
+    caption: str
+    content: bytes
+    media: str
+
+    @classmethod
+    def read(cls, file: Path, caption: str) -> "Picture":
+        """The picture in `file`.
+
+        Raises:
+            UserError: if it cannot be read, or is nothing a browser shows.
+        """
+        media = mimetypes.guess_type(file.name)[0] or ""
+        if not media.startswith("image/"):
+            raise UserError(f"{file}: not a picture that a browser shows (png, gif, webp, jpg, svg)")
+        try:
+            return cls(caption, file.read_bytes(), media)
+        except OSError as error:
+            raise UserError(f"{file}: a result names this picture, but it cannot be read ({error.strerror})") from None
+
+    def html(self) -> str:
+        """The picture as a figure, its content in the page."""
+        data = base64.b64encode(self.content).decode()
+        text = html.escape(self.caption)
+        return (
+            f'<figure><img src="data:{self.media};base64,{data}" alt="{text}"><figcaption>{text}</figcaption></figure>'
+        )
+
+
+def pictures_of(runs: Sequence[Run]) -> list[Picture]:
+    """The strips and animations that the runs' results name, by paths relative to the result file."""
+    return [
+        Picture.read(run.file.parent / path, f"{run.label}: {name}")
+        for run in runs
+        for name, path in (run.record.get("pictures") or {}).items()
+    ]
+
+
+def page(
+    runs: Sequence[Run],
+    measured: Sequence[Table],
+    published: Sequence[Table],
+    appendix: Sequence[Table],
+    curves: Mapping[str, Picture],
+    pictures: Sequence[Picture],
+) -> str:
+    """The page: `measured` tables, `curves` by heading, `published` tables set apart, `pictures`, the `appendix`."""
+    parts = ["<h2>Measured on</h2>", _data(runs[0]), "<h2>Results</h2>"]
+    parts += [_section(table) for table in measured]
+    parts += [f"<h2>{html.escape(heading)}</h2>{picture.html()}" for heading, picture in curves.items()]
+    parts.append('<h2>Published numbers, for comparison</h2><div class="published">')
+    parts += [_section(table) for table in published]
+    parts.append("</div>")
+    if pictures:
+        parts.append("<h2>Forecasts</h2>")
+        parts += [picture.html() for picture in pictures]
+    parts.append("<h2>Details</h2>")
+    parts += [_section(table) if len(table.rows) <= LONG else _folded(table) for table in appendix]
+    body = "\n".join(parts)
+    return (
+        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        f'<link rel="icon" href="data:,"><title>Forecast report</title><style>{STYLE}</style></head>\n'
+        f"<body>\n<h1>Forecasts of occupancy, compared on the same windows</h1>\n{body}\n</body></html>\n"
+    )
+
+
+def _folded(table: Table) -> str:
+    return f"<details><summary>{html.escape(table.title)}</summary>\n{table.html()}</details>"
+
+
+def _section(table: Table) -> str:
+    return f"<h3>{html.escape(table.title)}</h3>\n{table.html()}"
+
+
+def _data(run: Run) -> str:
+    """What the runs were measured on."""
+    data = run.data
+    windows = data["windows"]
+    facts = {
+        "test drives": ", ".join(str(drive) for drive in data.get("drives", [])),
+        "windows": f"{len(windows)} ({data.get('window_rule', 'rule not told')})",
+        "frames": f"{data.get('given')} shown, {len(run.horizon_s)} forecast ({run.horizon_s[0]:.1f} to "
+        f"{run.horizon_s[-1]:.1f} s ahead)",
+        "split": str(data.get("split")),
+        "hash of the grids": str(data.get("store_hash")),
+    }
+    items = "".join(f"<dt>{html.escape(key)}</dt><dd>{html.escape(value)}</dd>" for key, value in facts.items())
+    return f"<dl>{items}</dl>"

@@ -1,0 +1,141 @@
+"""A table and its four written forms: Markdown, CSV, LaTeX, HTML."""
+
+import csv
+import html
+import io
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+MISSING = "–"
+LATEX_SPECIAL = {
+    **{character: f"\\{character}" for character in "&%$#_{}"},
+    **{"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"},
+    **{
+        "±": r"$\pm$",
+        "×": r"$\times$",
+        "↑": r"$\uparrow$",
+        "↓": r"$\downarrow$",
+        "–": "--",
+        "³": r"$^3$",
+        "⁻": r"$^-$",
+    },
+}
+
+
+@dataclass(frozen=True)
+class Cell:
+    """What stands in a cell: a text, or a `value` with or without its standard `error`, both to `digits` decimals."""
+
+    text: str = ""
+    value: float | None = None
+    error: float | None = None
+    digits: int = 1
+    bold: bool = False
+    mark: str = ""
+    least: bool = False  # a probability: never written as zero
+
+    def plain(self) -> str:
+        """The cell as text, without emphasis."""
+        if self.value is None:
+            return self.text or MISSING
+        if not math.isfinite(self.value):
+            return MISSING
+        spread = f" ± {self.error:.{self.digits}f}" if self.error is not None and math.isfinite(self.error) else ""
+        least = 10.0**-self.digits
+        if self.least and self.value < least:
+            return f"< {least:.{self.digits}f}{self.mark}"
+        return f"{self.value:.{self.digits}f}{spread}{self.mark}"
+
+
+@dataclass(frozen=True)
+class Table:
+    """`rows` under `columns`; `caption` says what a reader must know, `name` is its file's."""
+
+    name: str
+    title: str
+    caption: str
+    columns: Sequence[str]
+    rows: Sequence[Sequence[Cell]]
+
+    def __post_init__(self) -> None:
+        wrong = [len(row) for row in self.rows if len(row) != len(self.columns)]
+        if wrong:
+            raise ValueError(f"table {self.name} has {len(self.columns)} columns, but rows of {wrong} cells")
+
+    def markdown(self) -> str:
+        """The table as GitHub draws it."""
+
+        def cell(c: Cell) -> str:
+            text = c.plain().replace("|", "\\|").replace("*", "\\*")
+            return f"**{text}**" if c.bold else text
+
+        lines = ["| " + " | ".join(self.columns) + " |", "|" + "---|" * len(self.columns)]
+        lines += ["| " + " | ".join(cell(c) for c in row) + " |" for row in self.rows]
+        return f"### {self.title}\n\n" + "\n".join(lines) + f"\n\n{self.caption}\n"
+
+    def csv(self) -> str:
+        """The table with full precision; a column with standard errors is followed by one that holds them."""
+        spread = [any(row[k].error is not None for row in self.rows) for k in range(len(self.columns))]
+        out = io.StringIO()
+        writer = csv.writer(out, lineterminator="\n")
+        header: list[str] = []
+        for title, has in zip(self.columns, spread, strict=True):
+            header += [title, f"{title} standard error"] if has else [title]
+        writer.writerow(header)
+        for row in self.rows:
+            line: list[str] = []
+            for c, has in zip(row, spread, strict=True):
+                line.append(c.text if c.value is None else _number(c.value))
+                if has:
+                    line.append(_number(c.error))
+            writer.writerow(line)
+        return out.getvalue()
+
+    def latex(self) -> str:
+        """The table as a LaTeX `table` with booktabs rules."""
+
+        def cell(c: Cell) -> str:
+            text = latex_text(c.plain())
+            return rf"\textbf{{{text}}}" if c.bold else text
+
+        lines = [" & ".join(latex_text(title) for title in self.columns) + r" \\", r"\midrule"]
+        lines += [" & ".join(cell(c) for c in row) + r" \\" for row in self.rows]
+        body = "\n".join(lines)
+        return (
+            "\\begin{table}\n\\centering\n"
+            f"\\caption{{{latex_text(self.title)}. {latex_text(self.caption)}}}\n"
+            f"\\begin{{tabular}}{{l{'r' * (len(self.columns) - 1)}}}\n\\toprule\n{body}\n\\bottomrule\n"
+            "\\end{tabular}\n\\end{table}\n"
+        )
+
+    def html(self) -> str:
+        """The table as HTML, numbers to the right."""
+
+        numbers = [any(row[k].value is not None for row in self.rows) for k in range(len(self.columns))]
+        head = "".join(
+            f"<th{' class=number' if number else ''}>{html.escape(title)}</th>"
+            for title, number in zip(self.columns, numbers, strict=True)
+        )
+
+        def cell(c: Cell, number: bool) -> str:
+            text = html.escape(c.plain())
+            return f"<td{' class=number' if number else ''}>{f'<b>{text}</b>' if c.bold else text}</td>"
+
+        rows = "\n".join(
+            "<tr>" + "".join(cell(c, number) for c, number in zip(row, numbers, strict=True)) + "</tr>"
+            for row in self.rows
+        )
+        return (
+            f'<div class="wide"><table id="{html.escape(self.name)}"><thead><tr>{head}</tr></thead>\n'
+            f"<tbody>\n{rows}\n</tbody></table></div>\n<p class='caption'>{html.escape(self.caption)}</p>"
+        )
+
+
+def latex_text(text: str) -> str:
+    """`text` with LaTeX's special characters written out."""
+    return "".join(LATEX_SPECIAL.get(character, character) for character in text)
+
+
+def _number(value: float | None) -> str:
+    return "" if value is None or not math.isfinite(value) else f"{value:.6g}"

@@ -1,0 +1,26 @@
+"""Grids on disk: a folder a drive, plain `.npy` files, and a manifest that is written last.
+
+    store/store.json                 format, and for each group of arrays its parameters and their hash
+    store/<drive>/manifest.json      frames, runs, lattice, group -> hash, array -> file, dtype, shape, checksum, group
+    store/<drive>/<array>.npy        (<array>.1.npy after the array was built again: the manifest knows)
+
+A group is what one step makes with one set of parameters: `mapping` the label grids and evidence, `dogma` the
+velocities.  A new drive appears by one rename; a further group, or a drive built again, by one replaced manifest, which
+alone says what is valid.  So whatever is interrupted leaves a complete drive or none.
+"""
+
+from envpred.store.files import FORMAT, MANIFEST, digest
+from envpred.store.reading import MAPPING_ARRAYS, Store, StoredDrive
+from envpred.store.writing import ArrayWriter, DriveWriter, sweep
+
+__all__ = [
+    "FORMAT",
+    "MANIFEST",
+    "MAPPING_ARRAYS",
+    "ArrayWriter",
+    "DriveWriter",
+    "Store",
+    "StoredDrive",
+    "digest",
+    "sweep",
+]

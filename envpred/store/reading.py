@@ -1,0 +1,196 @@
+"""A store as its readers see it: the index with the parameters, and the finished drives."""
+
+import json
+import zlib
+from collections.abc import Mapping
+from functools import cached_property
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from envpred.errors import UserError
+from envpred.store.files import FORMAT, MANIFEST, digest, read_json, write_json
+
+MAPPING_ARRAYS = ("label", "evidence", "centre_cell", "pose", "time")
+
+
+class Store:
+    """A folder of mapped drives."""
+
+    def __init__(self, folder: Path | str) -> None:
+        self.folder = Path(folder)
+
+    @cached_property
+    def drives(self) -> dict[str, "StoredDrive"]:
+        """The finished drives by name, sorted.
+
+        Raises:
+            UserError: if the folder is no store, or of another format.
+        """
+        self._index()
+        folders = sorted(f for f in self.folder.iterdir() if f.is_dir() and not f.name.startswith("."))
+        return {f.name: StoredDrive(f) for f in folders if (f / MANIFEST).is_file()}
+
+    def unfinished(self) -> list[str]:
+        """Names of folders without a manifest: what an interrupted or foreign program left."""
+        return sorted(
+            f.name
+            for f in self.folder.iterdir()
+            if f.is_dir() and not f.name.startswith(".") and not (f / MANIFEST).is_file()
+        )
+
+    def parameters(self, group: str) -> dict[str, Any]:
+        """The parameters that `group` was made with."""
+        return cast(dict[str, Any], self._index()["groups"].get(group, {}).get("parameters", {}))
+
+    def claim(self, group: str, parameters: Mapping[str, Any], *, force: bool = False) -> str:
+        """Note that `group` is made with `parameters` in this store, and return their hash.
+
+        Raises:
+            UserError: if the store holds the group with other parameters and `force` is not set, or is no store.
+        """
+        key = digest(parameters)
+        index: dict[str, Any] = {"format": FORMAT, "groups": {}}
+        if (self.folder / "store.json").exists():
+            index = self._index()
+        elif self.folder.exists() and not _is_vacant(self.folder):
+            raise UserError(f"{self.folder}: holds other files and is no store; give an empty or a new folder")
+        known = index["groups"].get(group)
+        if known is not None and known["hash"] != key:
+            if not force:
+                raise UserError(
+                    f"{self.folder}: its {group} grids were built with other parameters "
+                    f"({_differences(known['parameters'], parameters)}); "
+                    "give another store, or --force to build them again"
+                )
+            known = None
+        if known is None:
+            index["groups"][group] = {"hash": key, "parameters": parameters}
+            try:
+                self.folder.mkdir(parents=True, exist_ok=True)
+                write_json(self.folder / "store.json", index)
+            except OSError as error:
+                raise UserError(
+                    f"{self.folder}: cannot be written ({error.strerror}); make room or give another --store"
+                ) from None
+        return key
+
+    def _index(self) -> dict[str, Any]:
+        file = self.folder / "store.json"
+        if not file.is_file():
+            raise UserError(f"{self.folder}: no store of grids (store.json is missing); build one with `envpred grids`")
+        index = read_json(file)
+        if index.get("format") != FORMAT:
+            raise UserError(
+                f"{file}: format {index.get('format')} is not {FORMAT}, which this version reads; build the store again"
+            )
+        return index
+
+
+class StoredDrive:
+    """A finished drive of a store, read by memory map."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.name = folder.name
+
+    @cached_property
+    def manifest(self) -> dict[str, Any]:
+        """What the drive holds.
+
+        Raises:
+            UserError: if it cannot be read, or is of another format.
+        """
+        file = self.folder / MANIFEST
+        manifest = read_json(file)
+        if manifest.get("format") != FORMAT:
+            raise UserError(
+                f"{file}: format {manifest.get('format')} is not {FORMAT}, which this version reads; {self._remedy}"
+            )
+        return manifest
+
+    @property
+    def frames(self) -> list[int]:
+        """Frame numbers of the drive that the arrays' first axis stands for."""
+        return cast(list[int], self.manifest["frames"])
+
+    @property
+    def runs(self) -> list[tuple[int, int]]:
+        """Stretches without a gap as (first, length), in positions along the arrays."""
+        return [(first, length) for first, length in self.manifest["runs"]]
+
+    @property
+    def origin(self) -> NDArray[np.float64]:
+        """World position (2,) of lattice cell (0, 0), in metres."""
+        return np.array(self.manifest["lattice"]["origin"], np.float64)
+
+    def has(self, name: str) -> bool:
+        """Whether the drive holds the array `name`."""
+        return name in self.manifest["arrays"]
+
+    def array(self, name: str) -> np.memmap[Any, Any]:
+        """The array `name`, mapped read-only; pages are given back when the last view of it goes.
+
+        Raises:
+            UserError: if the drive lacks it, or its file is damaged.
+        """
+        entry = self.manifest["arrays"].get(name)
+        if entry is None:
+            raise UserError(
+                f"{self.folder}: holds no array {name!r}; build it with `envpred grids --store {self.folder.parent}"
+                f"{'' if name in MAPPING_ARRAYS else ' --dogma true'}`"
+            )
+        file = self.folder / entry["file"]
+        try:
+            array = np.load(file, mmap_mode="r", allow_pickle=False)
+        except (OSError, ValueError, EOFError):
+            raise UserError(f"{file}: missing or damaged; {self._remedy}") from None
+        if list(array.shape) != entry["shape"] or array.dtype.str != np.dtype(entry["dtype"]).str:
+            raise UserError(f"{file}: {array.dtype}{array.shape} is not what its manifest says; {self._remedy}")
+        return cast(np.memmap[Any, Any], array)
+
+    def verify(self) -> None:
+        """Read every array and compare its checksum.
+
+        Raises:
+            UserError: naming the first file that does not fit the manifest.
+        """
+        for name, entry in self.manifest["arrays"].items():
+            header = self.array(name).offset
+            checksum = 0
+            # Read, not mapped: pages of a mapped array would stay in memory while the next are looked at.
+            with (self.folder / entry["file"]).open("rb") as handle:
+                handle.seek(header)
+                while block := handle.read(1 << 20):
+                    checksum = zlib.crc32(block, checksum)
+            if checksum != entry["checksum"]:
+                file = self.folder / entry["file"]
+                raise UserError(f"{file}: its content has changed since it was built; {self._remedy}")
+
+    @property
+    def _remedy(self) -> str:
+        return f"delete {self.folder} and run `envpred grids` again"
+
+
+def _is_vacant(folder: Path) -> bool:
+    """Whether nothing but hidden files is in the way: those an interrupted program leaves."""
+    return folder.is_dir() and all(file.name.startswith(".") for file in folder.iterdir())
+
+
+def _differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> str:
+    """What differs between two sets of parameters, as `ground.cell 0.4 there, 0.5 asked`."""
+    there, asked = _flat(json.loads(json.dumps(old))), _flat(json.loads(json.dumps(new)))
+    return ", ".join(
+        f"{name} {there.get(name)} there, {asked.get(name)} asked"
+        for name in sorted({*there, *asked})
+        if there.get(name) != asked.get(name)
+    )
+
+
+def _flat(value: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    flat: dict[str, Any] = {}
+    for key, entry in value.items():
+        flat |= _flat(entry, f"{prefix}{key}.") if isinstance(entry, Mapping) else {f"{prefix}{key}": entry}
+    return flat

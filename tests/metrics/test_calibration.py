@@ -1,0 +1,70 @@
+"""Brier score, calibration error, reliability diagram."""
+
+import pytest
+import torch
+
+from envpred.metrics.brier import brier
+from envpred.metrics.calibration import Calibration, Reliability, reliability_bins
+from envpred.metrics.windows import PerHorizon
+
+TARGET = torch.tensor([[[[0.9, 0.6, 0.1, 0.0, 0.5]]]])
+FORECAST = torch.tensor([[[[0.75, 0.5, 0.25, 1.0, 0.9]]]])
+
+
+def test_brier_by_hand() -> None:
+    # outcomes 1, 1, 0, 0: squares 0.0625, 0.25, 0.0625, 1
+    assert brier(FORECAST, TARGET).item() == pytest.approx(1.375 / 4)
+    assert brier(FORECAST, torch.full_like(TARGET, 0.5)).isnan().all()
+
+
+def test_bins_by_hand() -> None:
+    count, forecast, occupied = reliability_bins(FORECAST, TARGET, bins=2)[0, 0].tolist()
+    assert count == [1, 3]
+    assert forecast == pytest.approx([0.25, 2.25])
+    assert occupied == [0, 2]
+
+
+def test_error_and_diagram_over_windows() -> None:
+    metric = Calibration(horizons=1, bins=2)
+    metric.update(FORECAST, TARGET, index=torch.tensor([0]))
+    # every cell said 0.75: half of them occupied
+    metric.update(
+        torch.full_like(FORECAST, 0.75), torch.tensor([[[[1.0, 1.0, 0.0, 0.0, 0.5]]]]), index=torch.tensor([1])
+    )
+    metric.update(FORECAST, TARGET, index=torch.tensor([0]))
+    result = metric.compute()
+    ece, diagram = result["ece"], result["reliability"]
+    assert isinstance(ece, PerHorizon)
+    assert isinstance(diagram, Reliability)
+    # window 0: |0.25 - 0|/4 + |2.25 - 2|/4; window 1: |3 - 2|/4
+    assert ece.per_window.flatten().tolist() == pytest.approx([0.125, 0.25])
+    # together: the upper bin has 7 cells, forecasts 5.25, occupied 4
+    assert diagram.ece.item() == pytest.approx((0.25 + 1.25) / 8)
+    assert diagram.count.tolist() == [[1, 7]]
+    assert diagram.forecast[0].tolist() == pytest.approx([0.25, 0.75])
+    assert diagram.occupied[0].tolist() == pytest.approx([0, 4 / 7])
+
+
+def test_empty_bins_are_none_in_a_result_file() -> None:
+    diagram = Reliability(reliability_bins(FORECAST[..., :1], TARGET[..., :1], bins=2)[0])
+    assert diagram.as_json() == {
+        "ece": [0.25],
+        "count": [[0, 1]],
+        "forecast": [[None, 0.75]],
+        "occupied": [[None, 1.0]],
+    }
+
+
+def test_a_calibrated_forecast_has_little_error() -> None:
+    generator = torch.Generator().manual_seed(2)
+    forecast = torch.rand(1, 1, 300, 300, generator=generator)
+    target = (torch.rand(forecast.shape, generator=generator) < forecast).float()
+    metric = Calibration(1)
+    metric.update(forecast, target)
+    ece = metric.compute()["ece"]
+    assert isinstance(ece, PerHorizon)
+    assert ece.mean.item() < 0.01
+    metric.update(forecast**2, target)
+    shifted = metric.compute()["ece"]
+    assert isinstance(shifted, PerHorizon)
+    assert shifted.per_window[1].item() == pytest.approx(1 / 2 - 1 / 3, abs=0.01)

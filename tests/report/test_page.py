@@ -1,0 +1,95 @@
+"""The report as a whole, and its page in a real browser."""
+
+import json
+import re
+import shutil
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from envpred.report import report
+
+BROWSER = shutil.which("chromium") or shutil.which("google-chrome")
+FLAGS = [
+    *("--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run"),
+    *("--disable-background-networking", "--disable-component-update", "--disable-sync"),
+]
+
+# What the page tells about itself once it has loaded.
+PROBE = """<script>window.addEventListener("load", () => {
+  const seen = {
+    images: [...document.images].map(i => [i.alt, i.complete, i.naturalWidth]),
+    headings: [...document.querySelectorAll("h1,h2,h3")].map(h => h.innerText),
+    empty: [...document.querySelectorAll("td,th,dd,figcaption")].filter(e => !e.textContent.trim()).length,
+    wide: document.documentElement.scrollWidth - document.documentElement.clientWidth,
+    loaded: performance.getEntriesByType("resource").map(r => r.name).filter(n => !n.startsWith("data:")),
+  };
+  const out = document.createElement("script");
+  out.type = "application/json"; out.id = "probe"; out.textContent = JSON.stringify(seen);
+  document.body.append(out);
+});</script>"""
+
+
+def browse(page: Path, profile: Path) -> dict[str, Any]:
+    """What `page` shows in a headless browser."""
+    assert BROWSER is not None
+    probed = page.with_name("probed.html")
+    probed.write_text(page.read_text().replace("</body>", f"{PROBE}</body>"))
+    done = subprocess.run(
+        [BROWSER, *FLAGS, f"--user-data-dir={profile}", "--virtual-time-budget=5000", "--dump-dom", probed.as_uri()],
+        check=True,
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    found = re.search(r'<script type="application/json" id="probe">(.*?)</script>', done.stdout, re.DOTALL)
+    assert found, done.stdout[-500:]
+    seen: dict[str, Any] = json.loads(found[1])
+    return seen
+
+
+@pytest.mark.skipif(BROWSER is None, reason="no browser: install chromium")
+def test_page_in_a_browser(page: Path, tmp_path: Path) -> None:
+    alone = tmp_path / "elsewhere" / "report.html"
+    alone.parent.mkdir()
+    shutil.copy(page, alone)  # self-contained: nothing beside it is needed
+    seen = browse(alone, tmp_path / "profile")
+    assert [alt.split(",")[0].split(":")[-1].strip() for alt, _, _ in seen["images"]][2:] == [
+        "strip",
+        "animation of window 0",
+    ]
+    assert len(seen["images"]) == 4
+    assert all(complete and width > 0 for _, complete, width in seen["images"])
+    assert [width for _, _, width in seen["images"]][2:] == [90, 80]
+    assert seen["empty"] == 0
+    assert seen["wide"] <= 0
+    assert seen["loaded"] == []
+    for heading in ("All methods", "Table I: PredNet by input variant", "Reliability", "Forecasts", "Models"):
+        assert heading in seen["headings"]
+
+
+def test_page_names_nothing_outside_itself(page: Path) -> None:
+    text = page.read_text()
+    assert not re.findall(r'(?:src|href)="(?!data:)', text)
+    assert "@import" not in text
+    assert not re.search(r">\s*(nan|None|inf)\b", text)
+
+
+def test_same_results_same_report(page: Path, all_runs: list[Path], tmp_path: Path) -> None:
+    assert report(all_runs, tmp_path / "again").read_bytes() == page.read_bytes()
+
+
+def test_files(page: Path) -> None:
+    names = {file.name for file in page.parent.iterdir()}
+    tables = ("methods", "table_1", "ratios", "published_table_1", "iou", "pairs", "models")
+    assert {f"{table}.{ending}" for table in tables for ending in ("md", "csv", "tex")} <= names
+    assert {"error.png", "error.pdf", "reliability.png", "reliability.pdf", "report.html"} <= names
+
+
+def test_one_baseline_alone_makes_a_report(all_runs: list[Path], tmp_path: Path) -> None:
+    fcn = all_runs[4]
+    text = report([fcn], tmp_path / "out").read_text()
+    assert "fcn (prob_dogma)" in text
+    assert not (tmp_path / "out" / "table_1.md").exists()

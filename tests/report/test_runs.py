@@ -1,0 +1,129 @@
+"""What a report refuses, and why."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from envpred.errors import UserError
+from envpred.report import report
+from envpred.report.runs import read_runs
+
+MakeRun = Callable[..., Path]
+Record = dict[str, Any]
+
+
+def test_reads_files_folders_and_folders_of_folders(make_run: MakeRun) -> None:
+    one, two = make_run(), make_run("fcn", "prob_dogma")
+    for given in ([one, two], [one / "result.json", two / "result.json"], [one.parent], [one.parent, one]):
+        assert {run.label for run in read_runs(given)} == {"prednet (dst_static)", "fcn (prob_dogma)"}
+    (run,) = read_runs([one])
+    assert run.mse.mean.shape == (15,)
+    assert run.mse.per_window is not None
+    assert run.mse.per_window.shape == (30, 15)
+    assert run.metrics["skill"].per_window is None
+    assert run.reliability is not None
+    assert np.isnan(run.reliability["occupied"][0, 0])
+
+
+def test_same_method_twice_is_told_apart(make_run: MakeRun) -> None:
+    labels = [run.label for run in read_runs([make_run(), make_run(change=lambda r: r.update(seed=7))])]
+    assert labels == ["prednet (dst_static), seed 3", "prednet (dst_static), seed 7"]
+    same = [run.label for run in read_runs([make_run(), make_run()])]
+    assert len(set(same)) == 2
+
+
+def test_undefined_values_stay_undefined(make_run: MakeRun) -> None:
+    def change(record: Record) -> None:
+        iou = record["metrics"]["iou"]
+        iou["per_window"] = [[None, *row[1:]] for row in iou["per_window"]]
+        iou["mean"][0] = iou["standard_error"][0] = None
+
+    (run,) = read_runs([make_run(change=change)])
+    assert np.isnan(run.metrics["iou"].mean[0])
+
+
+def mend(key: str, value: object) -> Callable[[Record], object]:
+    return lambda record: record["data"].update({key: value})
+
+
+def cut_horizons(record: Record) -> None:
+    record["horizon_s"] = record["horizon_s"][:10]
+    for metric in record["metrics"].values():
+        for key, value in metric.items():
+            metric[key] = [row[:10] for row in value] if key == "per_window" else value[:10]
+
+
+MIXED = {
+    "other grids .built again since": mend("store_hash", "other"),
+    "other split: paper against auto": mend("split", "paper"),
+    "other number of frames shown: 4 against 5": mend("given", 4),
+    "other window length: 25 against 20": mend("length", 25),
+    "other test drives": mend("drives", ["drive_c"]),
+    "other test windows": mend("windows", [["drive_a", 7 * n] for n in range(30)]),
+    "other horizons": cut_horizons,
+    "static baseline differs": lambda r: r["metrics"].update(static_mse=r["metrics"]["mse"]),
+}
+
+
+@pytest.mark.parametrize("reason", MIXED)
+def test_mixed_results_are_refused(make_run: MakeRun, tmp_path: Path, reason: str) -> None:
+    one, two = make_run(), make_run("fcn", "prob_dogma", change=MIXED[reason])
+    with pytest.raises(UserError, match=reason) as refusal:
+        report([one, two], tmp_path / "out")
+    assert str(two) in str(refusal.value)
+    assert not (tmp_path / "out").exists()
+
+
+def drop_windows(record: Record) -> None:
+    record["metrics"]["mse"]["per_window"] = record["metrics"]["mse"]["per_window"][:12]
+
+
+def drop_horizons(record: Record) -> None:
+    record["metrics"]["iou"]["mean"] = record["metrics"]["iou"]["mean"][:4]
+
+
+def change_mean(record: Record) -> None:
+    record["metrics"]["mse"]["mean"][3] *= 0.9
+
+
+PARTIAL: dict[str, Callable[[Record], object]] = {
+    "format 2, this version reads 1": lambda r: r.update(format=2),
+    "partial, mse has 12 of the 30 windows": drop_windows,
+    "partial, iou has 4 of the 15 horizons": drop_horizons,
+    "damaged, the mean of mse": change_mean,
+    "incomplete, 'variant' is missing": lambda r: r.pop("variant"),
+    "incomplete, 'windows' is missing": lambda r: r["data"].pop("windows"),
+    "incomplete, no mean squared error per window": lambda r: r["metrics"].pop("mse"),
+    "no mean squared error per window": lambda r: r["metrics"]["mse"].pop("per_window"),
+    "incomplete, .*; run `envpred test` again": lambda r: r["metrics"].update(iou=None),
+    "cannot be read": lambda r: r.update(pictures={"strip": "gone.png"}),
+    "not a picture": lambda r: r.update(pictures={"strip": "result.json"}),
+}
+
+
+@pytest.mark.parametrize("reason", PARTIAL)
+def test_partial_and_damaged_results_are_refused(make_run: MakeRun, tmp_path: Path, reason: str) -> None:
+    folder = make_run(change=PARTIAL[reason])
+    with pytest.raises(UserError, match=reason) as refusal:
+        report([folder], tmp_path / "out")
+    assert str(folder) in str(refusal.value)
+    assert not (tmp_path / "out").exists()
+
+
+def test_unreadable_and_missing_results_are_refused(make_run: MakeRun, tmp_path: Path) -> None:
+    folder = make_run()
+    text = (folder / "result.json").read_text()
+    (folder / "result.json").write_text(text[: len(text) // 2])
+    with pytest.raises(UserError, match="not a readable result"):
+        read_runs([folder])
+    (folder / "result.json").write_text(json.dumps([1, 2]))
+    with pytest.raises(UserError, match="format None"):
+        read_runs([folder])
+    with pytest.raises(UserError, match=r"no result\.json there"):
+        read_runs([tmp_path / "nowhere"])
+    with pytest.raises(UserError, match="no test run given"):
+        read_runs([])
