@@ -69,7 +69,7 @@ class ParticleFilterParameters:
 # slowly fading mass spends particles on places long out of sight.  A long wall says nothing about a velocity along it,
 # so some newborns that stand decide for what is likelier.
 GROUND = ParticleFilterParameters(
-    survival=0.9, birth=0.005, birth_velocity=10.0, birth_standing=0.05, velocity_noise=0.2, frame="ground"
+    survival=0.9, birth=0.005, birth_velocity=10.0, birth_standing=0.05, velocity_noise=0.4, frame="ground"
 )
 
 
