@@ -133,6 +133,7 @@ def forecasts_on_gpu(network: PredNet, repeats: int) -> None:
 
         eager = partial(forecasts, network.unroll)
         compiled = partial(forecasts, by_compiled_steps(network))
+        work: dict[str, Callable[[], object]]
         work = {"eager": eager, "CUDA graph": replayed(eager), "compiled steps": compiled}
         seconds = medians(work, repeats, torch.cuda.synchronize)
         rows.append([f"15 forecasts, {dtype}".replace("torch.", ""), *(f"{1000 * s:.1f} ms" for s in seconds.values())])

@@ -15,6 +15,7 @@ from torch.utils.tensorboard import SummaryWriter
 
 from envpred import plots
 from envpred.models.forecaster import SHOWN_HORIZONS, Forecaster
+from envpred.results import RESULT, add_pictures
 
 Occupancy = NDArray[np.float32]
 
@@ -56,11 +57,14 @@ class Pictures(Callback):
         folder = trainer.log_dir
         if folder is None or not trainer.is_global_zero or not isinstance(pl_module, Forecaster):
             return
+        names: dict[str, str] = {}
         for place, (occupancy, forecast, where) in enumerate(self._windows(pl_module, "test")):
             strip = plots.forecast_strip(occupancy[pl_module.given :], forecast, SHOWN_HORIZONS, where)
             plots.save(strip, Path(folder) / "pictures" / f"window_{place}.png")
             gif = plots.animation(occupancy, forecast, pl_module.given)
             (Path(folder) / "pictures" / f"window_{place}.gif").write_bytes(gif)
+            names |= {f"window_{place}_{kind}": f"pictures/window_{place}.{kind}" for kind in ("png", "gif")}
+        add_pictures(Path(folder) / RESULT, names)
 
     def _windows(self, model: Forecaster, part: str) -> Iterator[tuple[Occupancy, Occupancy, str]]:
         """Occupancy (T, H, W), forecast (T - given, H, W) and whereabouts of the fixed windows of `part`."""

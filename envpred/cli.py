@@ -8,6 +8,7 @@ is to end like any other.
 """
 
 import sys
+from pathlib import Path
 
 from envpred.errors import UserError
 
@@ -36,12 +37,15 @@ def own(name: str, args: list[str]) -> None:
     """Run one of our own commands with `args`."""
     from jsonargparse import ArgumentParser
 
-    from envpred.commands import COMMANDS
+    from envpred.commands import COMMANDS, POSITIONAL
 
     function = COMMANDS[name]
     parser = ArgumentParser(prog=f"envpred {name}", description=(function.__doc__ or "").splitlines()[0])
     parser.add_argument("--config", action="config", help="Path to a configuration file in YAML.")
-    parser.add_function_arguments(function, as_positional=False)
+    name_of, count = POSITIONAL.get(name, (None, None))
+    if name_of is not None:
+        parser.add_argument(name_of, nargs=count, type=Path)
+    parser.add_function_arguments(function, as_positional=False, skip={name_of} if name_of else None)
     options = parser.instantiate(parser.parse_args(args))
     function(**{key: options[key] for key in vars(options) if key != "config"})
 

@@ -51,11 +51,11 @@ def grids(
 def verify(store: Path) -> None:
     """Read a store's grids and compare their checksums.
 
-    Raises:
-        UserError: naming every damaged drive.
-
     Args:
         store: folder that `envpred grids` wrote.
+
+    Raises:
+        UserError: naming every damaged drive.
     """
     found = Store(store)
     failures = []
@@ -117,6 +117,18 @@ def show(store: Path, out: Path, drive: str | None = None, frame: int = 0) -> No
         print(plots.save(plots.mapping_overview(np.array(labels[frame]), np.array(mass[frame], np.float32)), out))
 
 
+def report(runs: list[Path], out: Path) -> None:
+    """Compare test runs: tables, curves and one HTML page, from their results alone.
+
+    Args:
+        runs: result files, or folders that hold some, all of the same test windows.
+        out: folder for the report.
+    """
+    from envpred.report import report as write_report
+
+    print(write_report(runs, out))
+
+
 def _one_drive(source: Path, name: str | None) -> Drive:
     found = {drive.name: drive for drive in find_drives(source)}
     if name is not None and name not in found:
@@ -124,4 +136,13 @@ def _one_drive(source: Path, name: str | None) -> Drive:
     return found[name or next(iter(found))]
 
 
-COMMANDS: dict[str, Callable[..., Any]] = {"grids": grids, "verify": verify, "ground": ground, "show": show}
+COMMANDS: dict[str, Callable[..., Any]] = {
+    "grids": grids,
+    "verify": verify,
+    "ground": ground,
+    "show": show,
+    "report": report,
+}
+
+# Arguments that are given without a name: command -> (argument, how many).
+POSITIONAL = {"report": ("runs", "+")}

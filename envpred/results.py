@@ -74,6 +74,11 @@ def write_test_result(
     return file
 
 
+def add_pictures(file: Path, pictures: Mapping[str, str]) -> None:
+    """Name pictures in the result `file`, by their paths from its folder."""
+    file.write_text(json.dumps(json.loads(file.read_text()) | {"pictures": dict(pictures)}, indent=1))
+
+
 def short_name(class_name: str) -> str:
     """Short name of a forecaster's class: PredNetForecaster -> prednet, LastFrame -> last_frame."""
     name = class_name.removesuffix("Forecaster")

@@ -66,8 +66,7 @@ def wilcoxon(difference: FloatArray) -> float:
     Windows without a difference drop out; p = 1 if none is left.  Exact for up to 50 windows without ties.
     """
     difference = np.asarray(difference, np.float64)
-    difference = difference[difference != 0]
-    return float(stats.wilcoxon(difference).pvalue) if len(difference) else 1.0
+    return float(stats.wilcoxon(difference).pvalue) if difference.any() else 1.0
 
 
 def holm(p: FloatArray) -> FloatArray:

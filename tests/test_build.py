@@ -39,6 +39,14 @@ def built(source: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return store
 
 
+@pytest.fixture(autouse=True)
+def no_processes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Builds called here map in this process; those that `builds.run` starts use worker processes as ever."""
+    monkeypatch.setattr(
+        building, "in_processes", lambda job, drives, _: ((len(d.frames), job(d, lambda: None)) for d in drives)
+    )
+
+
 @pytest.fixture
 def copy(built: Path, tmp_path: Path) -> Path:
     return Path(shutil.copytree(built, tmp_path / "grids"))

@@ -17,7 +17,7 @@ ALLOWED = {
     "drives": {"drives", "mapping.geometry", "errors"},
     "store": {"store", "errors", "__version__"},
     "datamodules": {"datamodules", "store", "mapping", "errors"},
-    "plots": {"mapping", "results"},
+    "plots": {"mapping", "movers", "results"},
     "results": {"models", "__version__"},  # names alone, for types
     "build": {"drives", "executors", "mapping", "store", "errors"},
     "executors": {"drives", "errors"},

@@ -83,7 +83,8 @@ class GridDataModule(LightningDataModule):
         for part in needed:
             if part not in self.datasets:
                 self.datasets[part] = WindowDataset(self._places(part), self.view, self.length)
-                drives = ", ".join(str(stretch) for stretch in self.stretches[part])
+                names = [str(stretch) for stretch in self.stretches[part]]
+                drives = ", ".join(names) if len(names) <= 8 else f"{len(names)} drives, {names[0]} to {names[-1]}"
                 rank_zero_info(f"{part}: {len(self.datasets[part])} windows of {drives}")
 
     def train_dataloader(self) -> DataLoader[Window]:
@@ -100,12 +101,26 @@ class GridDataModule(LightningDataModule):
     def predict_dataloader(self) -> DataLoader[Window]:
         return self._loader(self.datasets["test"])
 
+    def training_mean(self, windows: int = 50) -> float:
+        """Mean probability of occupied over training windows in order, at most so many, spread evenly.
+
+        Raises:
+            UserError: if the split leaves no drive to train.
+        """
+        data = WindowDataset(self._places("train"), self.view, self.length)
+        chosen = np.unique(np.linspace(0, len(data) - 1, windows).round().astype(int))
+        return float(np.mean([data[int(k)]["occupancy"].mean() for k in chosen]))
+
     def describe(self, part: str) -> dict[str, Any]:
         """What a result was measured on: split, drives, windows and a hash of their content."""
-        manifests = {s.drive.name: s.drive.manifest["arrays"] for s in self.stretches[part]}
+        arrays = sorted({*self.view.arrays, "evidence"})
+        checksums = {
+            stretch.drive.name: [stretch.drive.manifest["arrays"][name]["checksum"] for name in arrays]
+            for stretch in self.stretches[part]
+        }
         return {
             "store": self.store.name,
-            "store_hash": digest(manifests),
+            "store_hash": digest(checksums),
             "variant": self.variant,
             "split": "custom" if any(self.selections.values()) else self.split,
             "part": part,

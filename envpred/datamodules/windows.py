@@ -2,10 +2,11 @@
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import TypedDict
+from typing import Any, TypedDict
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 from torch.utils.data import Dataset, Sampler
 
@@ -66,7 +67,7 @@ class WindowDataset(Dataset[Window]):
         place = self.places[index]
         drive, cut = place.drive, slice(place.start, place.start + self.length)
         # Copies: a mapped array held on to would keep its pages in memory.
-        arrays = {n: np.array(drive.array(n)[cut], np.float32) for n in {*self.variant.arrays, "evidence"}}
+        arrays = {n: _in_float32(np.array(drive.array(n)[cut])) for n in {*self.variant.arrays, "evidence"}}
         frames, occupancy = self.variant.view(arrays), pignistic(arrays["evidence"])
         poses = np.array(drive.array("pose")[cut])
         resolution = drive.manifest["lattice"]["resolution"]
@@ -91,6 +92,11 @@ class WindowDataset(Dataset[Window]):
             start=place.start,
             index=index,
         )
+
+
+def _in_float32(grids: NDArray[Any]) -> NDArray[np.float32]:
+    """The same numbers; torch converts halves about twenty times as fast as NumPy."""
+    return np.asarray(torch.from_numpy(grids).float().numpy(), np.float32)
 
 
 def every_window(stretches: list[Stretch], length: int) -> list[Place]:

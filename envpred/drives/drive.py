@@ -110,6 +110,8 @@ def read_points(file: Path) -> NDArray[np.float32]:
     except OSError as error:
         raise UserError(f"{file}: cannot be read ({error.strerror}); {remedy}") from None
     # One pass and no temporary of the scan's size: a sum is finite only if all its terms are.
-    if not np.isfinite(points.sum(dtype=np.float64)):
+    with np.errstate(invalid="ignore"):  # infinity less infinity
+        total = points.sum(dtype=np.float64)
+    if not np.isfinite(total):
         raise UserError(f"{file}: holds coordinates that are not finite; {remedy}")
     return points

@@ -5,7 +5,7 @@ Scans and OXTS packets are paired by file name, never by counting: 2011_09_26_dr
 
 import re
 from collections.abc import Iterable
-from datetime import datetime
+from datetime import UTC, datetime
 from functools import cached_property
 from itertools import chain
 from pathlib import Path
@@ -36,11 +36,10 @@ class KittiDrive(Drive):
 
     @cached_property
     def frames(self) -> list[int]:
-        scans = _numbered(self.folder / "velodyne_points" / "data", ".bin")
-        return sorted(scans.keys() & self._packets.keys())
+        return sorted(self._scans.keys() & self._packets.keys())
 
     def scan(self, k: int) -> NDArray[np.float32]:
-        return read_points(self.folder / "velodyne_points" / "data" / f"{k:010d}.bin")
+        return read_points(self._scans[k])
 
     def pose(self, k: int) -> FloatArray:
         return self._packets[k]
@@ -53,13 +52,15 @@ class KittiDrive(Drive):
         try:
             calibration = pykitti.utils.read_calib_file(file)
             rotation, translation = calibration["R"].reshape(3, 3), calibration["T"].reshape(3)
+            if not (np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-3) and np.isfinite(translation).all()):
+                raise ValueError
         except OSError:
             raise UserError(
                 f"{file}: the day's calibration is missing; unpack {self.name[:10]}_calib.zip there, "
                 "or map with --sensor paper for the paper's fixed offset"
             ) from None
         except (KeyError, ValueError, AttributeError):
-            raise UserError(f"{file}: no rotation R (9 numbers) and translation T (3 numbers); copy it again") from None
+            raise UserError(f"{file}: no rotation R and translation T of 9 and 3 numbers; copy it again") from None
         return np.linalg.inv(pykitti.utils.transform_from_rot_trans(rotation, translation))
 
     def image(self, k: int) -> Path | None:
@@ -68,6 +69,10 @@ class KittiDrive(Drive):
             if file.is_file():
                 return file
         return None
+
+    @cached_property
+    def _scans(self) -> dict[int, Path]:
+        return _numbered(self.folder / "velodyne_points" / "data", ".bin")
 
     @cached_property
     def _packets(self) -> dict[int, FloatArray]:
@@ -119,7 +124,7 @@ def _timestamps(file: Path) -> dict[int, float]:
             continue
         try:
             # Nanoseconds are more than datetime reads; microseconds are enough.
-            times[k] = datetime.fromisoformat(line.strip()[:26]).timestamp()
+            times[k] = datetime.fromisoformat(line.strip()[:26]).replace(tzinfo=UTC).timestamp()
         except ValueError:
             raise UserError(f"{file}: line {k + 1} is no time stamp ({line.strip()!r}); copy the file again") from None
     return times

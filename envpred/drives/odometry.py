@@ -20,7 +20,7 @@ from envpred.mapping.geometry import FloatArray
 def find(root: Path) -> list[Drive]:
     """Odometry sequences at, in, or below `root` (`sequences/<number>`)."""
     places = [root, *root.glob("*"), *root.glob("sequences/*"), *root.glob("dataset/sequences/*")]
-    return [OdometryDrive(p) for p in dict.fromkeys(places) if (p / "velodyne").is_dir() and (p / "calib.txt").exists()]
+    return [OdometryDrive(p) for p in dict.fromkeys(places) if (p / "velodyne").is_dir()]
 
 
 class OdometryDrive(Drive):
@@ -59,10 +59,14 @@ class OdometryDrive(Drive):
         try:
             velodyne_to_camera = np.eye(4)
             velodyne_to_camera[:3] = pykitti.utils.read_calib_file(calibration)["Tr"].reshape(3, 4)
+        except OSError:
+            raise UserError(f"{calibration}: missing; unpack the calibration of the odometry data there") from None
         except (KeyError, ValueError, AttributeError):
             raise UserError(f"{calibration}: no line `Tr:` with 12 numbers; copy it again") from None
         try:
             camera: FloatArray = np.loadtxt(poses, ndmin=2).reshape(-1, 3, 4)
+            if not np.isfinite(camera).all():
+                raise ValueError
         except ValueError:
             raise UserError(f"{poses}: a pose has 12 numbers a line; copy it again") from None
         camera = np.concatenate([camera, np.broadcast_to([[[0.0, 0, 0, 1]]], (len(camera), 1, 4))], axis=1)
@@ -82,7 +86,10 @@ class OdometryDrive(Drive):
         file = self.folder / "times.txt"
         if not file.is_file():
             return np.arange(len(self._body_poses), dtype=np.float64) * 0.1
-        times: FloatArray = np.loadtxt(file, ndmin=1)
+        try:
+            times: FloatArray = np.loadtxt(file, ndmin=1)
+        except ValueError:
+            raise UserError(f"{file}: a line is no number of seconds; copy it again") from None
         if len(times) < len(self._body_poses):
             raise UserError(f"{file}: {len(times)} times for {len(self._body_poses)} poses; copy it again")
         return times

@@ -30,6 +30,11 @@ class EvidenceParameters:
     ego: float = 1.0
     discount: float = 0.9
 
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if not 0 <= value <= 1:
+                raise ValueError(f"evidence parameter {name} must lie in [0, 1], not {value}")
+
     def table(self) -> Mass:
         """Measured masses (4, 2) of the label codes."""
         masses = np.zeros((4, 2), np.float32)
@@ -77,7 +82,12 @@ def step(
         label: (H, W) label codes of this frame.
         shift: (2,) how far the grid has moved since, in cells; cells that enter carry no mass.
         parameters: masses and discount.
+
+    Raises:
+        ValueError: if the shapes do not belong together.
     """
+    if label.ndim != 2 or prior.shape != (2, *label.shape) or len(shift) != 2:
+        raise ValueError(f"prior (2,H,W), label (H,W), shift (2,) expected: {prior.shape}, {label.shape}, {len(shift)}")
     posterior = np.empty_like(prior)
     _fuse(posterior, prior, label, int(shift[0]), int(shift[1]), parameters.table(), np.float32(parameters.discount))
     return posterior
@@ -107,6 +117,9 @@ def _fuse(posterior, prior, label, shift_i, shift_j, table, alpha):  # type: ign
             seen_unknown = one - seen_occupied - seen_free
             # Dempster's rule of combination; K is the mass in conflict.
             conflict = free * seen_occupied + occupied * seen_free
+            if conflict >= one:  # certainty against certainty, where the rule has no answer: the newer one stands
+                posterior[0, i, j], posterior[1, i, j] = seen_occupied, seen_free
+                continue
             agree = one / (one - conflict)
             posterior[0, i, j] = agree * (occupied * seen_unknown + unknown * seen_occupied + occupied * seen_occupied)
             posterior[1, i, j] = agree * (free * seen_unknown + unknown * seen_free + free * seen_free)

@@ -116,7 +116,7 @@ def _heights(points, side, half, reach, ceiling):  # type: ignore[no-untyped-def
     lowest = np.full(width * width, np.inf, np.float32)
     for n in range(len(points)):
         x, y, z = points[n, 0], points[n, 1], points[n, 2]
-        if abs(x) > reach or abs(y) > reach or z > ceiling:
+        if not (abs(x) <= reach and abs(y) <= reach and z <= ceiling):  # also true of what is not a number
             cells[n] = -1
             continue
         c = (half + int(np.rint(x / side))) * width + half + int(np.rint(y / side))

@@ -1,5 +1,8 @@
 """Forecasters without parameters, for comparison; they run through the same `validate` and `test`."""
 
+from abc import abstractmethod
+
+import torch
 from torch import Tensor
 
 from envpred.datamodules import WindowBatch
@@ -19,3 +22,83 @@ class LastFrame(Forecaster):
 
     def configure_optimizers(self) -> None:
         """Nothing is trained."""
+
+
+class _Moved(Forecaster):
+    """The last frame shown, moved by whole cells into each future grid; entering cells get the training mean.
+
+    Grids share a lattice, so where a future grid will lie is exact once the ego's future position is known.
+
+    Args:
+        variant: input variant; the probability that is judged is the same for all.
+        given: frames shown.
+        fill: probability of entering cells; by default the mean over the training windows.
+    """
+
+    def __init__(self, variant: str = "dst_static", given: int = 5, fill: float | None = None) -> None:
+        super().__init__(variant, given)
+        self.save_hyperparameters()
+        self.fill = 0.5 if fill is None else fill
+
+    @abstractmethod
+    def centres(self, batch: WindowBatch, given: int) -> Tensor:
+        """Lattice cells (B, T - given, 2) at the centres of the future grids."""
+
+    def setup(self, stage: str) -> None:
+        super().setup(stage)
+        if self.hparams["fill"] is None:
+            self.fill = self.dataset.training_mean()
+
+    def forecast(self, batch: WindowBatch, given: int = 5) -> Tensor:
+        last = batch["occupancy"][:, given - 1]
+        shift = self.centres(batch, given) - batch["centre_cell"][:, given - 1 : given]
+        return torch.stack([_move(grid, moves, self.fill) for grid, moves in zip(last, shift, strict=True)])
+
+    def configure_optimizers(self) -> None:
+        """Nothing is trained."""
+
+
+class MovedLastFrame(_Moved):
+    """Moved by the ego's constant speed and turn rate over the frames shown: what the ego's own motion explains."""
+
+    def centres(self, batch: WindowBatch, given: int) -> Tensor:
+        future = extrapolate(batch["pose"][:, :given].double(), batch["occupancy"].shape[1] - given)
+        return torch.floor(future[..., :2] + 0.5).to(batch["centre_cell"].dtype)
+
+
+class MovedLastFrameOracle(_Moved):
+    """Moved by the ego's true motion, which no forecaster knows: what perfect odometry would explain."""
+
+    def centres(self, batch: WindowBatch, given: int) -> Tensor:
+        return batch["centre_cell"][:, given:]
+
+
+def extrapolate(poses: Tensor, steps: int) -> Tensor:
+    """Poses (B, steps, 3) after `poses` (B, T, 3), x, y and heading, at constant turn rate and speed in the body frame.
+
+    A single pose shown is taken to stand still.
+    """
+    B, T, _ = poses.shape
+    if T == 1:
+        return poses.expand(B, steps, 3)
+    turn = torch.remainder(poses[:, 1:, 2] - poses[:, :-1, 2] + torch.pi, 2 * torch.pi) - torch.pi
+    middle = poses[:, :-1, 2] + turn / 2  # a step of a turn points along its chord
+    moved = poses[:, 1:, :2] - poses[:, :-1, :2]
+    forward = (moved[..., 0] * middle.cos() + moved[..., 1] * middle.sin()).mean(dim=1)
+    left = (moved[..., 1] * middle.cos() - moved[..., 0] * middle.sin()).mean(dim=1)
+    rate = turn.mean(dim=1)
+    k = torch.arange(1, steps + 1, dtype=poses.dtype, device=poses.device)
+    heading = poses[:, -1:, 2] + rate[:, None] * k
+    middle = heading - rate[:, None] / 2
+    x = forward[:, None] * middle.cos() - left[:, None] * middle.sin()
+    y = forward[:, None] * middle.sin() + left[:, None] * middle.cos()
+    return torch.stack([poses[:, -1:, 0] + x.cumsum(1), poses[:, -1:, 1] + y.cumsum(1), heading], dim=-1)
+
+
+def _move(grid: Tensor, shifts: Tensor, fill: float) -> Tensor:
+    """`grid` (H, W) as grids (N, H, W) see it whose centre cells lie `shifts` (N, 2) further."""
+    H, W = grid.shape
+    i = torch.arange(H, device=grid.device) + shifts[:, :1]
+    j = torch.arange(W, device=grid.device) + shifts[:, 1:]
+    inside = ((i >= 0) & (i < H))[:, :, None] & ((j >= 0) & (j < W))[:, None, :]
+    return torch.where(inside, grid[i.clamp(0, H - 1)[:, :, None], j.clamp(0, W - 1)[:, None, :]], fill)

@@ -15,9 +15,8 @@ from torchmetrics import MetricCollection
 from envpred.datamodules import GridDataModule, WindowBatch
 from envpred.datamodules.variants import variant as variant_of
 from envpred.errors import UserError
+from envpred.metrics.collection import forecast_metrics
 from envpred.metrics.horizon_mse import HorizonMSE
-from envpred.metrics.skill import skill_against
-from envpred.metrics.windows import PerHorizon
 from envpred.results import horizon_name, write_test_result
 
 # The horizons that the paper's table names, as steps of 0.1 s; they are logged one by one.
@@ -39,7 +38,7 @@ class Forecaster(LightningModule):
         super().__init__()
         self.variant, self.given = variant, given
         self.view = variant_of(variant)
-        self.scores = MetricCollection({})
+        self.scores, self.static = MetricCollection({}), HorizonMSE()
         self.forecast_seconds = 0.0
 
     @abstractmethod
@@ -63,28 +62,29 @@ class Forecaster(LightningModule):
 
     def setup(self, stage: str) -> None:
         horizons = self.dataset.length - self.dataset.given
-        self.scores = MetricCollection(
-            {"forecast": HorizonMSE(horizons), "static": HorizonMSE(horizons)}, compute_groups=False
-        ).to(self.device)
+        self.static = HorizonMSE(horizons).to(self.device)
+        chosen = forecast_metrics(horizons) if stage == "test" else MetricCollection({"mse": HorizonMSE(horizons)})
+        self.scores = chosen.to(self.device)
 
     def score(self, batch: WindowBatch, forecast: Tensor) -> None:
         """Count a batch's forecast, and the last frame shown as the static baseline's."""
         target, last = batch["occupancy"][:, self.given :], batch["occupancy"][:, self.given - 1]
-        self.scores["forecast"].update(forecast, target, last, batch["index"])
-        self.scores["static"].update(last[:, None].expand_as(target), target, last, batch["index"])
+        self.scores.update(forecast, target, last, batch["index"])
+        self.static.update(last[:, None].expand_as(target), target, last, batch["index"])
 
-    def scored(self) -> tuple[PerHorizon, PerHorizon]:
-        """MSE of the forecasts and of the static baseline over all windows counted, which are then forgotten."""
-        forecast: PerHorizon = self.scores["forecast"].compute()
-        static: PerHorizon = self.scores["static"].compute()
+    def scored(self) -> dict[str, Any]:
+        """Every metric over all windows counted, which are then forgotten; `static_mse` is the static baseline's."""
+        found = self.scores.compute() | {"static_mse": self.static.compute()}
         self.scores.reset()
-        return forecast, static
+        self.static.reset()
+        return found
 
     def validation_step(self, batch: WindowBatch, batch_index: int) -> None:
         self.score(batch, self.forecast(batch, self.given))
 
     def on_validation_epoch_end(self) -> None:
-        mse, static = self.scored()
+        found = self.scored()
+        mse, static = found["mse"], found["static_mse"]
         self.log("val/mse", mse.mean.mean().float(), prog_bar=True)
         self.log("val/skill", (1 - mse.mean.mean() / static.mean.mean()).float())
         for horizon in (h for h in SHOWN_HORIZONS if h <= len(mse.mean)):
@@ -100,12 +100,12 @@ class Forecaster(LightningModule):
         self.score(batch, forecast)
 
     def on_test_epoch_end(self) -> None:
-        mse, static = self.scored()
-        skill = skill_against(mse, static)
+        found = self.scored()
+        mse, skill = found["mse"], found["skill"]
         for horizon in (h for h in SHOWN_HORIZONS if h <= len(mse.mean)):
             self.log(f"test/mse_{horizon_name(horizon)}", mse.mean[horizon - 1].float())
             self.log(f"test/skill_{horizon_name(horizon)}", skill.value[horizon - 1].float())
-        metrics = {"mse": mse.as_json(), "static_mse": static.as_json(), "skill": skill.as_json()}
+        metrics = {name: value.as_json() for name, value in found.items()}
         folder = Path(self.trainer.log_dir or self.trainer.default_root_dir)  # all processes agree on it together
         if self.trainer.is_global_zero and not self.trainer.fast_dev_run:  # type: ignore[attr-defined]
             file = write_test_result(self, folder, metrics, self.forecast_seconds / max(len(mse.index), 1))

@@ -54,7 +54,7 @@ class LayerWeights(NamedTuple):
         if target is None:
             weights += [kernel.new_empty(0)] * 3
         else:
-            # Output m of the transposed kernel is the fine cell whose entries 2 - m and 3 - m meet the coarse cell.
+            # Entry m of the transposed kernel serves the fine cell whose entries 2 - m and 3 - m meet the coarse one.
             sums = avg_pool2d(kernel[:, 3 * s :].flip(2, 3), 2, stride=1, padding=1, divisor_override=1)
             weights += [sums.transpose(0, 1), target.weight, _bias(target)]
         return cls(*(dense(weight.to(dtype)) if weight.ndim == 4 else weight.to(dtype) for weight in weights))
@@ -114,7 +114,8 @@ def _top_down(weights: Sequence[LayerWeights], tape: Sequence[Tape], frames_shap
         elif above is not None:
             z = conv_transpose2d(above, w.above, w.gates_bias, stride=2, padding=1)
         else:
-            z = dense(w.gates_bias.view(1, -1, 1, 1).expand(batch, -1, height >> layer, width >> layer))
+            z = w.gates_bias.view(1, -1, 1, 1).expand(batch, -1, height >> layer, width >> layer)
+            z = z.clone(memory_format=torch.channels_last)  # a copy in any case, for what follows is in place
         above = _lstm(z, kept, lowest.dtype)
     value = conv2d(tape[0].representation[-1], weights[0].predict, weights[0].predict_bias, padding=1)
     tape[0].prediction.append(torch.maximum(value.to(lowest.dtype), lowest).clamp_(max=1))

@@ -13,7 +13,11 @@ from envpred.results import RESULT
 from tests.stores import write_store
 
 REPOSITORY = Path(__file__).resolve().parents[2]
-MODELS = sorted((REPOSITORY / "configs" / "model").glob("*.yaml"))
+MODELS = [
+    # VGG-16 in full writes checkpoints of 1.6 GB.
+    pytest.param(file, marks=pytest.mark.slow if file.stem == "fcn" else (), id=file.stem)
+    for file in sorted((REPOSITORY / "configs" / "model").glob("*.yaml"))
+]
 DATA = sorted((REPOSITORY / "configs" / "data").glob("*.yaml"))
 QUICK = ["--trainer.accelerator=cpu", "--trainer.enable_progress_bar=false", "--trainer.enable_model_summary=false"]
 
@@ -21,7 +25,7 @@ QUICK = ["--trainer.accelerator=cpu", "--trainer.enable_progress_bar=false", "--
 @pytest.fixture(scope="module")
 def store(tmp_path_factory: pytest.TempPathFactory) -> Path:
     drives = {name: list(range(40)) for name in ("a", "b", "c")}
-    return write_store(tmp_path_factory.mktemp("e2e") / "grids", drives)
+    return write_store(tmp_path_factory.mktemp("e2e") / "grids", drives, cells=32)  # FCN halves it five times
 
 
 @pytest.fixture(autouse=True)
@@ -55,9 +59,10 @@ def failure(args: list[str], capsys: pytest.CaptureFixture[str]) -> str:
 
 
 @pytest.mark.parametrize("data", DATA, ids=lambda path: path.stem)
-@pytest.mark.parametrize("model", MODELS, ids=lambda path: path.stem)
+@pytest.mark.parametrize("model", MODELS)
 def test_every_configuration_fits_tests_and_predicts(model: Path, data: Path, store: Path) -> None:
-    args = configured(model, data, store, "--data.samples=1", "--data.val=[b@-20]", "--data.test=[c@-20]")
+    one_window = ["--data.samples=1", "--data.batch_size=1", "--data.val=[b@-20]", "--data.test=[c@-20]"]
+    args = configured(model, data, store, *one_window)
     trains = "epochs" in model.read_text()
     if trains:
         main(["fit", *args, "--trainer.max_epochs=1"])
@@ -68,7 +73,7 @@ def test_every_configuration_fits_tests_and_predicts(model: Path, data: Path, st
     found = json.loads(result.read_text())
     assert len(found["metrics"]["mse"]["mean"]) == 15
     assert found["variant"] == data.stem
-    assert found["checkpoint"] is None or found["checkpoint"].endswith("best_t1.ckpt")
+    assert trains == (found["checkpoint"] is not None)
     assert (result.parent / "pictures" / "window_0.png").stat().st_size > 1000
 
 
@@ -100,9 +105,9 @@ def test_the_users_values_are_not_replaced_by_a_checkpoint(store: Path, capsys: 
     """Lightning's own command line would run with the checkpoint's values here and say nothing."""
     main(["fit", *small(store)])
     checkpoint = "runs/prednet/dst_static/version_0/checkpoints/last.ckpt"
-    main(["fit", *small(store, "--model.t5_epochs=2", "--model.t5_lr=0.25", "--ckpt_path", checkpoint)])
+    main(["fit", *small(store, "--model.t5_epochs=2", "--model.t5_lr=0.0025", "--ckpt_path", checkpoint)])
     events = EventAccumulator("runs/prednet/dst_static/version_0").Reload()
-    assert events.Scalars("lr")[-1].value == 0.25
+    assert events.Scalars("lr")[-1].value == pytest.approx(0.0025)
     line = failure(["test", *small(store, "--model.channels=[8]", "--ckpt_path", checkpoint)], capsys)
     assert "channels [4], the command says [8]" in line
     line = failure(["test", *small(store, "--data.variant=prob_static", "--ckpt_path", checkpoint)], capsys)

@@ -38,13 +38,15 @@ def some_loss(unrolled: Unrolled) -> Tensor:
     return terms[0].sum() + 50 * terms[1].sum()
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given_values(
     channels=st.lists(st.integers(1, 4), min_size=1, max_size=3).map(tuple),
     feedback=st.sampled_from(["stale", "current"]),
     signed=st.booleans(),
     given=st.integers(1, 4),
     steps=st.integers(1, 6),
+    batch=st.integers(1, 2),
+    scale=st.integers(1, 2),
     data=st.data(),
 )
 def test_window_equals_autograd_over_steps(
@@ -53,11 +55,14 @@ def test_window_equals_autograd_over_steps(
     signed: bool,
     given: int,
     steps: int,
+    batch: int,
+    scale: int,
     data: st.DataObject,
 ) -> None:
     error_layers = data.draw(st.integers(0, len(channels)))
     network = network_of(channels, feedback, (channels[0] - 1,) if signed else ())
-    frames = window(4, channels[0]).requires_grad_()
+    side = scale * 2 ** (len(channels) - 1)  # down to one cell in the top layer
+    frames = window(4, channels[0], side, batch).requires_grad_()
     fast = network.unroll(frames, given, steps, error_layers)
     plain = network.unroll_by_steps(frames, given, steps, error_layers)
     torch.testing.assert_close(fast, plain, rtol=1e-10, atol=1e-12)
