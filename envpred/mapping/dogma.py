@@ -1,5 +1,6 @@
 """Dynamic occupancy grid maps of a drive: which cells move, how fast, what goes into the store (Itkina et al. 2019)."""
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -8,7 +9,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from envpred.mapping.geometry import GridSpec
-from envpred.mapping.particle_forecast import HORIZONS, forecast
+from envpred.mapping.particle_forecast import forecast
 from envpred.mapping.particle_state import ParticleFilterParameters, initial_state
 from envpred.mapping.particles import DogmaGrid, step
 
@@ -34,7 +35,7 @@ class DogmaParameters:
 
 @dataclass(frozen=True)
 class Dogma:
-    """The dynamic grids of a drive as the store keeps them.
+    """The dynamic grids of a drive, or of one frame without the axis T, as the store keeps them.
 
     Args:
         velocity: (T, 2, H, W) float16 mean velocity (east, north) in m/s; 0 where m(O) is too low.
@@ -75,22 +76,36 @@ def run(
         raise ValueError(
             f"measured (T,2,H,W) and centre_cell (T,2) expected, not {measured.shape} and {centre_cell.shape}"
         )
-    T, H, W = len(measured), *measured.shape[2:]
-    velocity, covariance = np.empty((T, 2, H, W), np.float16), np.empty((T, 3, H, W), np.float16)
-    ahead = np.empty((T, HORIZONS, H, W), np.uint8) if with_forecast else None
+    frames = list(stream(measured, centre_cell, parameters, grid, seed, with_forecast, device))
+    ahead = np.stack([f.forecast for f in frames if f.forecast is not None]) if with_forecast else None
+    return Dogma(np.stack([f.velocity for f in frames]), np.stack([f.covariance for f in frames]), ahead)
+
+
+def stream(
+    measured: Iterable[NDArray[np.float32]],
+    centre_cell: NDArray[np.integer],
+    parameters: DogmaParameters,
+    grid: GridSpec,
+    seed: int = 0,
+    with_forecast: bool = False,
+    device: torch.device | str = "cpu",
+) -> Iterator[Dogma]:
+    """As `run`, frame by frame: `measured` gives one frame (2, H, W) after the other, and so does what comes out."""
     generator = torch.Generator(device).manual_seed(seed)
     state = initial_state(parameters.filter, grid, device)
     shifts = np.diff(centre_cell, axis=0, prepend=centre_cell[:1]).tolist()
-    with torch.inference_mode():
-        for t, shift in enumerate(shifts):
-            seen = torch.from_numpy(np.ascontiguousarray(measured[t])).to(device)
-            state, dogma = step(state, seen, shift, parameters.filter, grid, generator)
+    for seen, shift in zip(measured, shifts, strict=True):
+        with torch.inference_mode():
+            masses = torch.from_numpy(np.ascontiguousarray(seen)).to(device)
+            state, dogma = step(state, masses, shift, parameters.filter, grid, generator)
             dogma = confident(dogma, parameters)
-            velocity[t], covariance[t] = dogma.velocity.cpu().numpy(), dogma.covariance.cpu().numpy()
-            if ahead is not None:
+            ahead = None
+            if with_forecast:
                 moving = is_moving(dogma.velocity, dogma.covariance, parameters.tau)
-                ahead[t] = to_byte(forecast(state, moving, parameters.filter, grid, generator)).cpu().numpy()
-    return Dogma(velocity, covariance, ahead)
+                ahead = to_byte(forecast(state, moving, parameters.filter, grid, generator)).cpu().numpy()
+        yield Dogma(
+            dogma.velocity.cpu().numpy().astype(np.float16), dogma.covariance.cpu().numpy().astype(np.float16), ahead
+        )
 
 
 def confident(dogma: DogmaGrid, parameters: DogmaParameters) -> DogmaGrid:

@@ -25,7 +25,9 @@ QUICK = ["--trainer.accelerator=cpu", "--trainer.enable_progress_bar=false", "--
 @pytest.fixture(scope="module")
 def store(tmp_path_factory: pytest.TempPathFactory) -> Path:
     drives = {name: list(range(40)) for name in ("a", "b", "c")}
-    return write_store(tmp_path_factory.mktemp("e2e") / "grids", drives, cells=32)  # FCN halves it five times
+    return write_store(
+        tmp_path_factory.mktemp("e2e") / "grids", drives, cells=32, dogma=True
+    )  # FCN halves it five times
 
 
 @pytest.fixture(autouse=True)
@@ -134,6 +136,15 @@ def test_pictures_of_a_store(store: Path, tmp_path: Path) -> None:
     for name in ("frame.png", "drive.gif"):
         main(["show", "--store", str(store), "--out", str(tmp_path / name)])
         assert (tmp_path / name).stat().st_size > 1000
+
+
+def test_variants_without_velocities_name_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    plain = write_store(tmp_path / "plain", {"a": list(range(40)), "b": list(range(40))}, cells=32)
+    line = failure(["fit", *small(plain, "--data.variant=dst_dogma")], capsys)
+    assert "holds no array 'velocity'" in line
+    assert "--dogma true" in line
+    particles = configured(config("model/particle_forecast.yaml"), config("data/dst_static.yaml"), plain)
+    assert "'particle_forecast'" in failure(["test", *particles], capsys)
 
 
 def test_verify_finds_a_changed_byte(store: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
