@@ -1,6 +1,6 @@
 """Simulated scans a second on one core: rays, labels, boxes and files.  Promise: at least 10.
 
-python benchmarks/simulate.py [--scans 60]
+python benchmarks/simulate.py [--scans 150]
 """
 
 import argparse
@@ -21,7 +21,7 @@ PROMISE = 10.0  # scans a second and core
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--scans", type=int, default=60, help="scans in each town")
+    parser.add_argument("--scans", type=int, default=150, help="scans in each town (a drive by default has 150)")
     scans = parser.parse_args().scans
     recording = Recording.load(builtin_recording())
     print(f"{'town':14}{'build (s)':>10}{'scans/s':>9}{'of promise':>12}{'points a scan':>15}")

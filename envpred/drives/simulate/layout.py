@@ -29,10 +29,10 @@ class Style:
 
 
 STYLES = {
-    "old_town": Style((0.0, 2.5), (9.0, 18.0), (2.5, 6.0), 0.4, (8.0, 15.0), 0.12, 0.7, 0.3, 2.4, 0.85),
-    "residential": Style((2.5, 6.0), (9.0, 15.0), (3.0, 7.0), 0.7, (5.5, 9.0), 0.20, 0.85, 0.4, 4.5, 0.8),
-    "boulevard": Style((1.5, 6.0), (12.0, 30.0), (4.0, 9.0), 0.6, (9.0, 18.0), 0.2, 0.6, 0.6, 6.0, 0.8),
-    "suburb": Style((4.0, 9.0), (8.0, 14.0), (4.0, 12.0), 0.9, (4.5, 8.0), 0.30, 0.8, 0.35, 6.0, 0.7),
+    "old_town": Style((0.0, 2.5), (9.0, 18.0), (2.5, 6.0), 0.4, (8.0, 15.0), 0.12, 0.75, 0.35, 2.8, 0.85),
+    "residential": Style((2.5, 6.0), (9.0, 15.0), (3.0, 7.0), 0.7, (5.5, 9.0), 0.20, 0.85, 0.4, 5.2, 0.8),
+    "boulevard": Style((1.5, 5.0), (12.0, 30.0), (3.0, 8.0), 0.6, (9.0, 18.0), 0.15, 0.7, 0.6, 7.0, 0.85),
+    "suburb": Style((3.0, 7.0), (8.0, 14.0), (4.0, 10.0), 0.9, (4.5, 8.0), 0.22, 0.85, 0.4, 7.0, 0.75),
 }
 
 
@@ -212,9 +212,9 @@ class Layout:
             self._stand(furniture.bush(rng.uniform(0.5, 1.3), rng.uniform(0.6, 2.0), rng), place, 0.0)
 
     def _back_land(self) -> None:
-        """Trees and bushes away from the streets, one for every 400 square metres of free ground or so."""
+        """Trees and bushes away from the streets, tried at every 65 square metres."""
         extent = np.array(self.terrain.shape) * CELL
-        for place in self.rng.uniform(0, 1, (int(extent.prod() / 90), 2)) * extent + self.terrain.origin:
+        for place in self.rng.uniform(0, 1, (int(extent.prod() / 65), 2)) * extent + self.terrain.origin:
             self._plant((float(place[0]), float(place[1])))
 
     # Claims on the ground.

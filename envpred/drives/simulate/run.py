@@ -22,7 +22,7 @@ from envpred.drives.simulate.traffic import Recording
 from envpred.drives.simulate.writer import DATE, drive_name, write_calibration, write_drive
 from envpred.errors import UserError
 
-_SLOWEST, _FASTEST = 1.5, 12.5  # m/s: mean speeds that egos are looked for at
+_SLOWEST, _FASTEST = 3.0, 12.5  # m/s: mean speeds that egos are looked for at
 _GOLDEN = (5**0.5 - 1) / 2
 _SCAN_BYTES = 2_600_000  # a scan with its labels on disk
 
