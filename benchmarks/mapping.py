@@ -140,7 +140,7 @@ def main() -> None:
         os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
     with tempfile.TemporaryDirectory() as folder:
         made_up = arguments.kitti is None
-        drives = find_drives(write_drive(Path(folder), frames=20, azimuths=14000) if made_up else arguments.kitti)
+        drives = find_drives(write_drive(Path(folder), frames=60, azimuths=14000) if made_up else arguments.kitti)
         for drive in drives:
             time_scans(drive, arguments.scans, arguments.rounds)
             time_store(drive, arguments.rounds)
