@@ -121,7 +121,7 @@ def _heights(points, side, half, reach, ceiling):  # type: ignore[no-untyped-def
             continue
         c = (half + int(np.rint(x / side))) * width + half + int(np.rint(y / side))
         cells[n] = c
-        highest[c] = max(highest[c], z)
+        highest[c] = max(highest[c], z)  # faster than branches, which are hard to foresee here
         lowest[c] = min(lowest[c], z)
     return cells, highest.reshape(width, width), lowest.reshape(width, width)
 
@@ -134,30 +134,29 @@ def _spread(highest, lowest, half, max_span, max_rise, empty_height):  # type: i
     obstacle = np.zeros((width, width), np.bool_)
     ground[half, half] = highest[half, half] if np.isfinite(highest[half, half]) else empty_height
     for r in range(1, half + 1):
-        for k in range(8 * r):  # the ring's cells, side by side: each owns its first corner
-            side, along = k // (2 * r), k % (2 * r) - r
-            if side == 0:
-                di, dj = -r, along
-            elif side == 1:
-                di, dj = along, r
-            elif side == 2:
-                di, dj = r, -along
-            else:
-                di, dj = -along, -r
-            # Neighbours in the previous ring: those cells of the 8-neighbourhood with Chebyshev distance r - 1.
-            nearby = -np.inf
-            for ni in range(max(di - 1, -r + 1), min(di + 1, r - 1) + 1):
-                for nj in range(max(dj - 1, -r + 1), min(dj + 1, r - 1) + 1):
-                    if max(abs(ni), abs(nj)) == r - 1:
+        for side in range(4):  # a ring is four sides, each of which owns its first corner
+            for along in range(-r, r):
+                if side == 0:
+                    di, dj = -r, along
+                elif side == 1:
+                    di, dj = along, r
+                elif side == 2:
+                    di, dj = r, -along
+                else:
+                    di, dj = -along, -r
+                # Neighbours in the previous ring: cells of the 8-neighbourhood with Chebyshev distance r - 1.
+                nearby = -np.inf
+                for ni in range(max(di - 1, 1 - r), min(di + 1, r - 1) + 1):
+                    for nj in range(max(dj - 1, 1 - r), min(dj + 1, r - 1) + 1):
                         nearby = max(nearby, ground[half + ni, half + nj])
-            i, j = half + di, half + dj
-            top = highest[i, j]
-            seen = np.isfinite(top)
-            if seen and top - lowest[i, j] < max_span and top - nearby < max_rise:
-                ground[i, j] = top
-            else:
-                ground[i, j] = nearby
-                obstacle[i, j] = seen
+                i, j = half + di, half + dj
+                top = highest[i, j]
+                seen = np.isfinite(top)
+                if seen and top - lowest[i, j] < max_span and top - nearby < max_rise:
+                    ground[i, j] = top
+                else:
+                    ground[i, j] = nearby
+                    obstacle[i, j] = seen
     return obstacle
 
 

@@ -75,17 +75,19 @@ class RayCasting:
 def _mark_occupied(grid, points, obstacle, rotation, shift, box, nearest):  # type: ignore[no-untyped-def]
     """A cell that holds an obstacle point outside the ego's surroundings is occupied."""
     rear, front, half_width = box
+    # Locals, because the compiler cannot know that writing to the grid leaves these arrays alone.
+    ux, uy, uz, vx, vy, vz = rotation.flat
+    east, north = shift
     for n in range(len(points)):
         if not obstacle[n]:
             continue
         x, y, z = points[n, 0], points[n, 1], points[n, 2]
         if rear <= x <= front and abs(y) <= half_width:
             continue
-        u = rotation[0, 0] * x + rotation[0, 1] * y + rotation[0, 2] * z
-        v = rotation[1, 0] * x + rotation[1, 1] * y + rotation[1, 2] * z
+        u, v = ux * x + uy * y + uz * z, vx * x + vy * y + vz * z
         if u * u + v * v < nearest * nearest:
             continue
-        i, j = int(np.floor(u + shift[0] + 0.5)), int(np.floor(v + shift[1] + 0.5))
+        i, j = int(np.floor(u + east + 0.5)), int(np.floor(v + north + 0.5))
         if 0 <= i < grid.shape[0] and 0 <= j < grid.shape[1]:
             grid[i, j] = OCCUPIED
 

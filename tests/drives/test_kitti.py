@@ -103,6 +103,15 @@ def test_time_stamps_that_are_not_there_are_replaced(tmp_path: Path, part: str) 
     assert [only(folder).time(k) for k in range(4)] == pytest.approx([0, 0.1, 0.2, 0.3], abs=2e-6)
 
 
+def test_blank_lines_among_time_stamps_keep_the_others_in_their_place(tmp_path: Path) -> None:
+    folder = write_drive(tmp_path, frames=5)
+    (folder / "oxts" / "timestamps.txt").unlink()
+    stamps = ["2011-09-26 13:02:25.000000445", "", "2011-09-26 13:02:25.240000445", "2011-09-26 13:02:25.360000445"]
+    (folder / "velodyne_points" / "timestamps.txt").write_text("\n".join(stamps))
+    # Frame 1 has a blank line and frame 4 none: both are taken to be at 10 Hz from the first.
+    assert [only(folder).time(k) for k in range(5)] == pytest.approx([0, 0.1, 0.24, 0.36, 0.4], abs=2e-6)
+
+
 def test_a_drive_travels_to_another_process(whole: Path) -> None:
     drive = only(whole)
     drive.frames  # noqa: B018  what is cached must travel too
@@ -118,8 +127,12 @@ def test_a_drive_without_scans_has_no_frames(tmp_path: Path) -> None:
 SCAN, PACKET = "velodyne_points/data/0000000001.bin", "oxts/data/0000000001.txt"
 
 
-def cut_short(file: Path) -> None:
+def cut_within_a_number(file: Path) -> None:
     file.write_bytes(file.read_bytes()[:-5])
+
+
+def cut_within_a_point(file: Path) -> None:
+    file.write_bytes(file.read_bytes()[:-8])
 
 
 def empty(file: Path) -> None:
@@ -146,7 +159,8 @@ def both_infinite(file: Path) -> None:
 @pytest.mark.parametrize(
     ("damage", "message"),
     [
-        (cut_short, "cut short"),
+        (cut_within_a_number, "cut short"),
+        (cut_within_a_point, "cut short"),
         (empty, "empty scan"),
         (spoil(0, np.nan), "not finite"),
         (spoil(2, np.inf), "not finite"),

@@ -24,6 +24,7 @@ def test_the_paper_s_grid() -> None:
     spec = GridSpec()
     assert (spec.cells, spec.half) == (128, 64)
     assert spec.side == pytest.approx(42.6667, abs=1e-4)
+    assert GridSpec(6).half == 3, "any even number of cells will do"
 
 
 def test_the_lattice_starts_one_side_southwest_of_the_extremes() -> None:
