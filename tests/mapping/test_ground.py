@@ -102,11 +102,19 @@ def test_an_empty_centre_cell_is_at_the_road_below_the_sensor() -> None:
 def test_points_out_of_reach_or_too_high_take_no_part() -> None:
     assert pytest.approx(31.584, abs=1e-3) == REACH
     far = np.array(
-        [[31.59, 0, 0, 0], [0, -31.59, 0, 0], [31.58, 31.58, 0, 0], [5, 5, 3.51, 0], [5, 5, ROAD, 0], [9, 5, 3.49, 0]],
+        [
+            [-31.58, -31.58, 0, 0],
+            [31.59, 0, 0, 0],
+            [0, -31.59, 0, 0],
+            [31.58, 31.58, 0, 0],
+            [5, 5, 3.51, 0],
+            [5, 5, ROAD, 0],
+            [9, 5, 3.49, 0],
+        ],
         np.float32,
     )
     # The point at 3.51 m leaves its cell with the one on the road, which is ground.
-    assert FIELD.obstacles(far).tolist() == [False, False, True, False, False, True]
+    assert FIELD.obstacles(far).tolist() == [True, False, False, True, False, False, True]
 
 
 def test_what_is_not_a_number_takes_no_part() -> None:
@@ -168,7 +176,13 @@ def tilted_scene() -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
 def test_one_plane_fits_a_tilted_road() -> None:
     points, obstacle = tilted_scene()
     assert (RansacPlane().obstacles(points) == obstacle).all()
-    assert (RansacPlane().obstacles(points) == RansacPlane().obstacles(points)).all()
+
+
+def test_one_seed_gives_one_plane() -> None:
+    points, _ = tilted_scene()
+    one, again, other = (RansacPlane(distance=0.01, trials=5, seed=s).obstacles(points) for s in (1, 1, 2))
+    assert (one == again).all()
+    assert (one != other).any()
 
 
 def test_points_farther_from_the_plane_than_its_distance_are_obstacles_on_both_sides() -> None:

@@ -52,6 +52,9 @@ def test_the_ego_turns_with_the_vehicle_and_moves_with_the_sensor() -> None:
     north = label([], sensor_pose(np.pi / 2))
     assert np.argwhere(north == EGO).min(axis=0).tolist() == [61, 61]
     assert np.argwhere(north == EGO).max(axis=0).tolist() == [67, 70]
+    northeast = label([], sensor_pose(np.pi / 4))
+    assert northeast[64 + 4, 64 + 4] == EGO, "4 sqrt(2) cells ahead"
+    assert northeast[64 + 4, 64 - 4] == northeast[64 - 4, 64 + 4] == FREE, "as far to the sides"
     # 0.2 m further west: -4.03 to 6.25 cells.
     moved = label([], sensor_pose(offset=(-0.2, 0.0)))
     assert np.argwhere(moved == EGO).min(axis=0).tolist() == [60, 61]
