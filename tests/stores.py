@@ -1,6 +1,7 @@
 """A tiny store of grids, written without any drive, for tests of what reads stores."""
 
 import itertools
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -17,13 +18,13 @@ def write_store(
     folder: Path,
     drives: dict[str, list[int]],
     cells: int = 16,
-    parameters: dict[str, int] | None = None,
+    parameters: dict[str, Any] | None = None,
     seed: int = 0,
     dogma: bool = False,
 ) -> Path:
     """A store whose `drives` have the given frame numbers: a box moves through free space, the ego drives east."""
     random = np.random.default_rng(seed)
-    key = Store(folder).claim("mapping", parameters or {"cells": cells})
+    key = Store(folder).claim("mapping", parameters or {"cells": cells, "evidence": asdict(evidence.PAPER)})
     for name, frames in drives.items():
         T = len(frames)
         labels = np.full((T, cells, cells), FREE, np.uint8)

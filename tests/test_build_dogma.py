@@ -1,0 +1,70 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from envpred.build_dogma import build_dogma
+from envpred.datamodules import GridDataModule
+from envpred.errors import UserError
+from envpred.mapping.dogma import VELOCITY_SCALE, DogmaParameters
+from envpred.mapping.particle_state import ParticleFilterParameters
+from envpred.store import Store
+from tests.stores import write_store
+
+SMALL = DogmaParameters(ParticleFilterParameters(persistent=2000, births=200))
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> Path:
+    return write_store(tmp_path / "grids", {"a": list(range(12)), "b": [*range(6), *range(9, 15)]})
+
+
+def test_velocities_complete_drives_built_before(store: Path) -> None:
+    before = (store / "a" / "evidence.npy").stat()
+    build_dogma(store, SMALL, forecasts=["a"], workers=1)
+    a, b = (Store(store).drives[name] for name in "ab")
+    assert a.array("velocity").shape == (12, 2, 16, 16)
+    assert a.array("velocity_cov").shape == (12, 3, 16, 16)
+    assert a.array("particle_forecast").shape == (12, 15, 16, 16)
+    assert not b.has("particle_forecast")
+    after = (store / "a" / "evidence.npy").stat()
+    assert (before.st_ino, before.st_mtime_ns) == (after.st_ino, after.st_mtime_ns)
+    a.verify()
+    assert np.abs(np.asarray(a.array("velocity"))).max() > 0
+
+
+def test_a_second_run_makes_only_what_is_missing(store: Path) -> None:
+    build_dogma(store, SMALL, forecasts=["a"], workers=1)
+    first = (store / "a" / "manifest.json").stat().st_ino
+    build_dogma(store, SMALL, forecasts=["all"], workers=1)
+    assert (store / "a" / "manifest.json").stat().st_ino == first
+    assert Store(store).drives["b"].has("particle_forecast")
+
+
+def test_same_parameters_same_bytes_and_a_gap_starts_anew(store: Path, tmp_path: Path) -> None:
+    build_dogma(store, SMALL, workers=1)
+    other = write_store(tmp_path / "other", {"a": list(range(12)), "b": [*range(6), *range(9, 15)]})
+    build_dogma(other, SMALL, workers=1)
+    one, two = (np.asarray(Store(folder).drives["b"].array("velocity")) for folder in (store, other))
+    np.testing.assert_array_equal(one, two)
+    assert not np.array_equal(one[5], one[4])
+    np.testing.assert_array_equal(one[6], 0)  # the first frame of a run has no persistent particles yet
+
+
+def test_other_parameters_are_refused(store: Path) -> None:
+    build_dogma(store, SMALL, workers=1)
+    with pytest.raises(UserError, match="other parameters"):
+        build_dogma(store, DogmaParameters(ParticleFilterParameters(persistent=3000, births=200)), workers=1)
+    with pytest.raises(UserError, match="holds no drive z"):
+        build_dogma(store, SMALL, drives=["z"])
+
+
+def test_variants_read_what_was_built(store: Path) -> None:
+    build_dogma(store, SMALL, workers=1)
+    data = GridDataModule(store, "dst_dogma", length=6, given=2, test=["a"])
+    data.setup("test")
+    frames = data.datasets["test"][0]["frames"]
+    assert frames.shape == (6, 4, 16, 16)
+    stored = np.asarray(Store(store).drives["a"].array("velocity")[:6], np.float32) / VELOCITY_SCALE
+    seen = frames[:, 2:].numpy()
+    np.testing.assert_allclose(seen[seen != 0], stored[seen != 0], rtol=1e-6)
