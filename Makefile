@@ -1,10 +1,13 @@
 # Every target works on a fresh machine: it makes the virtual environment it needs.
 # PYTHON: any Python from 3.11 on.  VENV: where the environment lies.
+# KITTI: a folder of real drives for the demo; without it the demo simulates its own.
 PYTHON ?= python3
 VENV ?= .venv
+DEMO ?= demo
+KITTI ?=
 BIN := $(VENV)/bin
 
-.PHONY: install test slow lint bench clean
+.PHONY: install test slow lint bench demo clean
 
 install: $(VENV)/.installed
 
@@ -26,8 +29,14 @@ lint: install
 	$(BIN)/mypy
 
 bench: install
+	$(BIN)/pip install --quiet --constraint constraints.txt --editable '.[bench]'
 	$(BIN)/python -m benchmarks.mapping
-	$(BIN)/python -m benchmarks.prednet
+	$(BIN)/python -m benchmarks.datamodule
+	$(BIN)/python -m benchmarks.prednet --threads 2
+	$(BIN)/python -m benchmarks.particles --threads 2
+
+demo: install
+	PATH="$(abspath $(BIN)):$$PATH" DEMO="$(DEMO)" KITTI="$(KITTI)" bash demo.sh
 
 clean:
 	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache .hypothesis

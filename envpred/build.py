@@ -17,7 +17,7 @@ from tqdm import tqdm
 from envpred.drives import Drive, find_drives
 from envpred.drives.drive import PAPER_SENSOR_OFFSET
 from envpred.errors import UserError
-from envpred.executors import in_processes, on_cluster
+from envpred.executors import D, Job, in_processes, on_cluster
 from envpred.mapping import evidence
 from envpred.mapping.evidence import EvidenceParameters
 from envpred.mapping.geometry import GridSpec
@@ -82,25 +82,43 @@ def build(
     job = functools.partial(_attempt, store=store.resolve(), parameters=parameters, key=key)
     if ready and not cluster:
         _compile(parameters)
-    mapped = 0
+    mapped = run_jobs(job, ready, "mapping", workers, cluster, failures)
+    _say(f"{_drives(len(todo))}, {mapped} frames mapped into {store} in {time.monotonic() - start:.0f} s")
+
+
+def run_jobs(
+    job: Job[D],
+    drives: list[D],
+    what: str,
+    workers: int | None,
+    cluster: str | None,
+    failures: list[str] | None = None,
+) -> int:
+    """Run `job` for all drives with a progress bar called `what`; returns the number of frames.
+
+    Raises:
+        UserError: with a line for each drive that failed (`failures` are those that had failed before).
+    """
+    failures = [] if failures is None else failures
+    count, before = 0, len(failures)
     with (
-        contextlib.closing(on_cluster(job, ready, cluster) if cluster else in_processes(job, ready, workers)) as jobs,
-        tqdm(total=sum(len(d.frames) for d in ready), unit="frame", disable=not ready, mininterval=0.5) as bar,
+        contextlib.closing(on_cluster(job, drives, cluster) if cluster else in_processes(job, drives, workers)) as jobs,
+        tqdm(total=sum(len(d.frames) for d in drives), unit="frame", disable=not drives, mininterval=0.5) as bar,
     ):
         bar.set_description("starting workers")
         for frames, failure in jobs:
             if frames:
-                if not mapped:
-                    bar.unpause()  # rate and time left are the mapping's, not the start's
-                    bar.set_description("mapping")
-                mapped += frames
+                if not count:
+                    bar.unpause()  # rate and time left are the job's, not the start's
+                    bar.set_description(what)
+                count += frames
                 bar.update(frames)
             if failure:
                 failures.append(failure)
     if failures:
-        failed = f"{len(failures)} of {len(todo)} drives failed; the others are in {store}"
+        failed = f"{len(failures)} of {before + len(drives)} drives failed; the others are in the store"
         raise UserError("\n".join([*failures, failed]))
-    _say(f"{_drives(len(todo))}, {mapped} frames mapped into {store} in {time.monotonic() - start:.0f} s")
+    return count
 
 
 def map_drive(

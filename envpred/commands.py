@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -14,6 +14,9 @@ from envpred.mapping.geometry import GridSpec
 from envpred.mapping.ground import GroundSegmenter, MarkovRandomField, RansacPlane
 from envpred.mapping.label_grid import RayCasting
 from envpred.store import Store
+
+if TYPE_CHECKING:  # it brings torch along, which only some commands need
+    from envpred.mapping.dogma import DogmaParameters
 
 
 def grids(
@@ -28,8 +31,12 @@ def grids(
     workers: int | None = None,
     cluster: str | None = None,
     force: bool = False,
+    dogma: bool = False,
+    particles: "DogmaParameters | None" = None,
+    particle_forecast: list[str] | None = None,
+    device: str = "cpu",
 ) -> None:
-    """Turn LiDAR drives into label grids and evidence on disk.
+    """Turn LiDAR drives into label grids, evidence and, with --dogma true, velocities on disk.
 
     Args:
         source: folder with drives in KITTI raw's or KITTI odometry's layout.
@@ -43,9 +50,17 @@ def grids(
         workers: local processes; by default one a core.
         cluster: address of a Dask scheduler that works instead of local processes.
         force: build again what is there, also with other parameters.
+        dogma: add velocities by the particle filter, also to drives that were mapped before.
+        particles: numbers of the particle filter and thresholds on its velocities.
+        particle_forecast: names of the drives that get the particle forecast too, or [all]; implies --dogma true.
+        device: where the particle filter runs, cpu or cuda.
     """
     parameters = MappingParameters(grid, ground, rays, evidence, sensor)
     build(source, store, parameters, drives, workers, cluster, force)
+    if dogma or particle_forecast:
+        from envpred.build_dogma import build_dogma
+
+        build_dogma(store, particles, drives, particle_forecast, workers, cluster, force, device)
 
 
 def verify(store: Path) -> None:
@@ -136,13 +151,37 @@ def _one_drive(source: Path, name: str | None) -> Drive:
     return found[name or next(iter(found))]
 
 
+def simulate(
+    out: Path,
+    drives: int = 10,
+    frames: int = 150,
+    seed: int = 0,
+    workers: int | None = None,
+    recording: Path | None = None,
+) -> None:
+    """Write simulated drives with known truth in KITTI raw's layout.
+
+    Args:
+        out: folder that is not there yet, or is empty.
+        drives: how many.
+        frames: scans of each, ten a second.
+        seed: of egos, times, scenery and noise; same seed, same drives.
+        workers: local processes; by default one a core.
+        recording: traffic recorded with SUMO; by default the one that comes with envpred.
+    """
+    from envpred.drives.simulate import simulate as write_drives
+
+    write_drives(out, drives, frames, seed, workers, recording)
+
+
 COMMANDS: dict[str, Callable[..., Any]] = {
     "grids": grids,
     "verify": verify,
     "ground": ground,
     "show": show,
     "report": report,
+    "simulate": simulate,
 }
 
 # Arguments that are given without a name: command -> (argument, how many).
-POSITIONAL = {"report": ("runs", "+")}
+POSITIONAL: dict[str, tuple[str, str | None]] = {"report": ("runs", "+"), "simulate": ("out", None)}

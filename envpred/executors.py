@@ -10,19 +10,31 @@ from collections.abc import Callable, Generator, Iterator
 from concurrent.futures import CancelledError, Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, Protocol, TypeVar
 
 from tqdm import tqdm
 
-from envpred.drives import Drive
 from envpred.errors import UserError
 
+
 # A drive and what to call after each frame -> the line that says why it failed, or None; it must be picklable.
-Job = Callable[[Drive, Callable[[], None]], str | None]
+class Framed(Protocol):
+    """What a job is done for: a drive, stored or not."""
+
+    name: str
+
+    @property
+    def frames(self) -> list[int]:
+        """Its frame numbers."""
+        ...
+
+
+D = TypeVar("D", bound=Framed)
+Job = Callable[[D, Callable[[], None]], str | None]
 Outcome = Generator[tuple[int, str | None], None, None]  # frames more, and the line of a drive that failed
 
 
-def in_processes(job: Job, drives: list[Drive], workers: int | None) -> Outcome:
+def in_processes(job: Job[D], drives: list[D], workers: int | None) -> Outcome:
     """Run `job` for each drive in `workers` local processes, by default one a core.
 
     Closing the generator, or an exception thrown through it, ends the workers; what they had begun is removed.
@@ -105,7 +117,7 @@ def _enter_worker(frames: Any) -> None:
     threading.Thread(target=follow, daemon=True).start()
 
 
-def _in_worker(job: Job, drive: Drive) -> str | None:
+def _in_worker(job: Job[D], drive: D) -> str | None:
     def count() -> None:
         with _worker.frames.get_lock():
             _worker.frames.value += 1
@@ -116,7 +128,7 @@ def _in_worker(job: Job, drive: Drive) -> str | None:
         os._exit(1)  # the pool would catch it and begin the next drive
 
 
-def on_cluster(job: Job, drives: list[Drive], address: str) -> Outcome:
+def on_cluster(job: Job[D], drives: list[D], address: str) -> Outcome:
     """Run `job` for each drive as a task on the Dask cluster at `address`; a dead worker's tasks go to another one.
 
     Raises:

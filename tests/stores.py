@@ -8,12 +8,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from envpred.mapping import evidence
+from envpred.mapping.evidence import pignistic
 from envpred.mapping.geometry import EGO, FREE, OCCUPIED
 from envpred.store import DriveWriter, Store
 
 
 def write_store(
-    folder: Path, drives: dict[str, list[int]], cells: int = 16, parameters: dict[str, int] | None = None, seed: int = 0
+    folder: Path,
+    drives: dict[str, list[int]],
+    cells: int = 16,
+    parameters: dict[str, int] | None = None,
+    seed: int = 0,
+    dogma: bool = False,
 ) -> Path:
     """A store whose `drives` have the given frame numbers: a box moves through free space, the ego drives east."""
     random = np.random.default_rng(seed)
@@ -47,7 +53,17 @@ def write_store(
             "pose": pose,
             "time": 0.1 * np.arange(T),
         }
+        moving = np.zeros((T, 2, cells, cells), np.float16)
+        moving[:, 0][labels == OCCUPIED] = speed * 10 / 3  # m/s
+        covariance = np.zeros((T, 3, cells, cells), np.float16)
+        covariance[:, [0, 2]] = 0.25
+        ahead = np.repeat((255 * pignistic(mass)).astype(np.uint8)[:, None], 15, axis=1)
+        dynamic: dict[str, NDArray[Any]] = {"velocity": moving, "velocity_cov": covariance, "particle_forecast": ahead}
         with DriveWriter(folder, name, "mapping", key, about) as out:
             for array, values in arrays.items():
                 out.add(array, values.dtype, values.shape).extend(values)
+        if dogma:
+            with DriveWriter(folder, name, "dogma", Store(folder).claim("dogma", {}), {}) as out:
+                for array, values in dynamic.items():
+                    out.add(array, values.dtype, values.shape).extend(values)
     return folder

@@ -11,7 +11,13 @@ PACKAGE = Path(envpred.__file__).parent
 
 # What each room may import of ours.
 ALLOWED = {
-    "mapping": {"mapping.geometry", "errors"},
+    "mapping": {
+        "mapping.geometry",
+        "mapping.particles",
+        "mapping.particle_state",
+        "mapping.particle_forecast",
+        "errors",
+    },
     "networks": {"networks", "errors"},
     "metrics": {"metrics"},
     "drives": {"drives", "mapping.geometry", "errors"},

@@ -30,7 +30,7 @@ class GridDataModule(LightningDataModule):
 
     Args:
         store: folder that `envpred grids` wrote.
-        variant: dst_static or prob_static.
+        variant: dst_static, prob_static, dst_dogma or prob_dogma.
         split: auto, paper, or custom for the lists below (see `envpred.datamodules.selection.preset`).
         train: drives that train, each as name or name@start-stop; they replace the preset's.
         val: drives that validate, likewise.
@@ -82,7 +82,10 @@ class GridDataModule(LightningDataModule):
         needed = {"fit": ("train", "val"), "validate": ("val",), "test": ("test",), "predict": ("test",)}[stage]
         for part in needed:
             if part not in self.datasets:
-                self.datasets[part] = WindowDataset(self._places(part), self.view, self.length)
+                extra = self._extra()
+                self.datasets[part] = WindowDataset(
+                    self._places(part, extra), self.view, self.length, self.given, extra
+                )
                 names = [str(stretch) for stretch in self.stretches[part]]
                 drives = ", ".join(names) if len(names) <= 8 else f"{len(names)} drives, {names[0]} to {names[-1]}"
                 rank_zero_info(f"{part}: {len(self.datasets[part])} windows of {drives}")
@@ -167,12 +170,17 @@ class GridDataModule(LightningDataModule):
             base = preset(self.split, drives)
         return {"train": base.train, "val": base.val, "test": base.test} | asked
 
-    def _places(self, part: str) -> list[Place]:
+    def _extra(self) -> str | None:
+        """The stored array that the trainer's forecaster asks for beside its variant."""
+        forecaster = getattr(self.trainer, "lightning_module", None)
+        return getattr(forecaster, "extra", None)
+
+    def _places(self, part: str, extra: str | None = None) -> list[Place]:
         stretches = self.stretches[part]
         if not stretches:
             raise UserError(f"the split {self.split!r} leaves no drive to {part}; name some with --data.{part}")
         for stretch in stretches:
-            for name in self.view.arrays:
+            for name in (*self.view.arrays, *([extra] if extra else [])):
                 stretch.drive.array(name)  # an error here names the command that makes it
         places = (every_window if part == "train" else windows_in_order)(stretches, self.length)
         if not places:

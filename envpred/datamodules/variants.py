@@ -4,10 +4,12 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
 from envpred.errors import UserError
+from envpred.mapping.dogma import moving_velocity, scaled
 from envpred.mapping.evidence import pignistic
 
 Arrays = Mapping[str, NDArray[np.float32]]
@@ -50,9 +52,28 @@ def _probability(arrays: Arrays) -> NDArray[np.float32]:
     return pignistic(arrays["evidence"])[:, None]
 
 
+def _velocity(arrays: Arrays) -> NDArray[np.float32]:
+    """Velocities (T, 2, H, W) of the cells that move, one scale for all: 1 is VELOCITY_SCALE m/s."""
+    velocity, covariance = (torch.from_numpy(arrays[name]) for name in ("velocity", "velocity_cov"))
+    return np.asarray(scaled(moving_velocity(velocity, covariance)).numpy(), np.float32)
+
+
+def _masses_and_velocity(arrays: Arrays) -> NDArray[np.float32]:
+    return np.concatenate([_masses(arrays), _velocity(arrays)], axis=1)
+
+
+def _probability_and_velocity(arrays: Arrays) -> NDArray[np.float32]:
+    return np.concatenate([_probability(arrays), _velocity(arrays)], axis=1)
+
+
+_DYNAMIC = ("evidence", "velocity", "velocity_cov")
+_VELOCITY = ("velocity east", "velocity north")
+
 VARIANTS = {
     "dst_static": Variant(("occupied", "free"), ("evidence",), _masses),
     "prob_static": Variant(("probability",), ("evidence",), _probability),
+    "dst_dogma": Variant(("occupied", "free", *_VELOCITY), _DYNAMIC, _masses_and_velocity, (2, 3)),
+    "prob_dogma": Variant(("probability", *_VELOCITY), _DYNAMIC, _probability_and_velocity, (1, 2)),
 }
 
 

@@ -28,6 +28,7 @@ class Window(TypedDict):
     drive: str
     start: int  # position of the first frame in the drive's arrays
     index: int  # place of the window in its data set, by which metrics tell duplicates
+    extra: Tensor  # (..., H, W) the stored array that a forecaster asks for, at the last frame shown; else empty
 
 
 class WindowBatch(TypedDict):
@@ -40,6 +41,7 @@ class WindowBatch(TypedDict):
     drive: list[str]
     start: Tensor  # (B,)
     index: Tensor  # (B,)
+    extra: Tensor  # (B, ..., H, W)
 
 
 @dataclass(frozen=True)
@@ -56,8 +58,10 @@ class WindowDataset(Dataset[Window]):
     An item is asked for by its index, or by (index, symmetry) to have it turned.
     """
 
-    def __init__(self, places: list[Place], variant: Variant, length: int) -> None:
-        self.places, self.variant, self.length = places, variant, length
+    def __init__(
+        self, places: list[Place], variant: Variant, length: int, given: int = 1, extra: str | None = None
+    ) -> None:
+        self.places, self.variant, self.length, self.given, self.extra = places, variant, length, given, extra
 
     def __len__(self) -> int:
         return len(self.places)
@@ -74,6 +78,9 @@ class WindowDataset(Dataset[Window]):
         cells = (poses[:, :2, 3] - drive.origin) / resolution
         pose = np.concatenate([cells, heading_of(poses)[:, None]], axis=1)
         centre_cell = np.array(drive.array("centre_cell")[cut])
+        extra = np.empty(0, np.uint8)
+        if self.extra is not None:
+            extra = np.array(drive.array(self.extra)[place.start + self.given - 1])
         if symmetry:
             frames, occupancy = turning.turn_grid(frames, symmetry), turning.turn_grid(occupancy, symmetry)
             centre_cell, pose = turning.turn_cell(centre_cell, symmetry), turning.turn_pose(pose, symmetry)
@@ -91,6 +98,7 @@ class WindowDataset(Dataset[Window]):
             drive=drive.name,
             start=place.start,
             index=index,
+            extra=torch.from_numpy(np.ascontiguousarray(extra)),
         )
 
 

@@ -1,8 +1,16 @@
 """Forecasters: LightningModules that share one `validate` and one `test`, and differ in how they train."""
 
-from envpred.models.baselines import LastFrame, MovedLastFrame, MovedLastFrameOracle
+from envpred.models.baselines import LastFrame, MovedLastFrame, MovedLastFrameOracle, ParticleForecast
 from envpred.models.fcn import FCNForecaster
 from envpred.models.forecaster import Forecaster
 from envpred.models.prednet import PredNetForecaster
 
-__all__ = ["FCNForecaster", "Forecaster", "LastFrame", "MovedLastFrame", "MovedLastFrameOracle", "PredNetForecaster"]
+__all__ = [
+    "FCNForecaster",
+    "Forecaster",
+    "LastFrame",
+    "MovedLastFrame",
+    "MovedLastFrameOracle",
+    "ParticleForecast",
+    "PredNetForecaster",
+]

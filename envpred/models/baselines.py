@@ -6,6 +6,8 @@ import torch
 from torch import Tensor
 
 from envpred.datamodules import WindowBatch
+from envpred.errors import UserError
+from envpred.mapping.particle_forecast import HORIZONS
 from envpred.models.forecaster import Forecaster
 
 
@@ -19,6 +21,30 @@ class LastFrame(Forecaster):
     def forecast(self, batch: WindowBatch, given: int = 5) -> Tensor:
         occupancy = batch["occupancy"]
         return occupancy[:, given - 1 : given].expand_as(occupancy[:, given:])
+
+    def configure_optimizers(self) -> None:
+        """Nothing is trained."""
+
+
+class ParticleForecast(Forecaster):
+    """The particle filter's forecast: moving particles carried on by the linear model (the paper's third baseline)."""
+
+    extra = "particle_forecast"
+
+    def __init__(self, variant: str = "dst_static", given: int = 5) -> None:
+        super().__init__(variant, given)
+        self.save_hyperparameters()
+
+    def setup(self, stage: str) -> None:
+        super().setup(stage)
+        horizons = self.dataset.length - self.dataset.given
+        if horizons > HORIZONS:
+            raise UserError(
+                f"particle forecasts reach {HORIZONS} frames, windows ask for {horizons}; shorten --data.length"
+            )
+
+    def forecast(self, batch: WindowBatch, given: int = 5) -> Tensor:
+        return batch["extra"][:, : batch["occupancy"].shape[1] - given].float() / 255
 
     def configure_optimizers(self) -> None:
         """Nothing is trained."""

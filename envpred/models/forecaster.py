@@ -33,6 +33,8 @@ class Forecaster(LightningModule):
 
     # Hyperparameters that decide which weights there are; a checkpoint with others does not fit.
     shaping: tuple[str, ...] = ("variant",)
+    # Stored array that it reads beside its variant, at the last frame shown.
+    extra: str | None = None
 
     def __init__(self, variant: str, given: int) -> None:
         super().__init__()

@@ -64,7 +64,7 @@ def reliability_diagram(runs: Sequence[Run]) -> Figure | None:
     if not having:
         return None
     columns = shown_columns(runs[0])
-    fig = figure(2.9 * len(columns), 3.4)
+    fig = figure(2.9 * len(columns), 3.4 + 0.2 * (len(having) // 4))
     axes = fig.subplots(1, len(columns), sharex=True, sharey=True, squeeze=False)[0]
     styles = looks([run.label for run in having])
     for ax, h in zip(axes, columns, strict=True):
@@ -78,5 +78,5 @@ def reliability_diagram(runs: Sequence[Run]) -> Figure | None:
         ax.set_xlabel("forecast probability")
         ax.set_aspect("equal")
     axes[0].set_ylabel("share occupied")
-    axes[0].legend(fontsize=7)
+    fig.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=min(4, len(having)), fontsize=7)
     return fig

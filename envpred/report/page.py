@@ -60,7 +60,7 @@ class Picture:
 def pictures_of(runs: Sequence[Run]) -> list[Picture]:
     """The strips and animations that the runs' results name, by paths relative to the result file."""
     return [
-        Picture.read(run.file.parent / path, f"{run.label}: {name}")
+        Picture.read(run.file.parent / path, f"{run.label}: {name.replace('_', ' ')}")
         for run in runs
         for name, path in (run.record.get("pictures") or {}).items()
     ]

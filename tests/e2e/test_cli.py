@@ -4,6 +4,7 @@ import json
 import os
 import shutil
 from pathlib import Path
+from typing import Any
 
 import pytest
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
@@ -13,19 +14,34 @@ from envpred.results import RESULT
 from tests.stores import write_store
 
 REPOSITORY = Path(__file__).resolve().parents[2]
-MODELS = [
-    # VGG-16 in full writes checkpoints of 1.6 GB.
-    pytest.param(file, marks=pytest.mark.slow if file.stem == "fcn" else (), id=file.stem)
-    for file in sorted((REPOSITORY / "configs" / "model").glob("*.yaml"))
-]
-DATA = sorted((REPOSITORY / "configs" / "data").glob("*.yaml"))
+STATIC = REPOSITORY / "configs" / "data" / "dst_static.yaml"
+SMALL = REPOSITORY / "configs" / "model" / "prednet_small.yaml"
+
+
+def _pairs() -> list[Any]:
+    """Every model with one variant, and the small PredNet with every variant."""
+    models = sorted((REPOSITORY / "configs" / "model").glob("*.yaml"))
+    data = sorted((REPOSITORY / "configs" / "data").glob("*.yaml"))
+    pairs = [(model, STATIC) for model in models] + [(SMALL, variant) for variant in data if variant != STATIC]
+    return [
+        # VGG-16 in full writes checkpoints of 1.6 GB.
+        pytest.param(
+            model, variant, marks=pytest.mark.slow if model.stem == "fcn" else (), id=f"{model.stem}-{variant.stem}"
+        )
+        for model, variant in pairs
+    ]
+
+
+PAIRS = _pairs()
 QUICK = ["--trainer.accelerator=cpu", "--trainer.enable_progress_bar=false", "--trainer.enable_model_summary=false"]
 
 
 @pytest.fixture(scope="module")
 def store(tmp_path_factory: pytest.TempPathFactory) -> Path:
     drives = {name: list(range(40)) for name in ("a", "b", "c")}
-    return write_store(tmp_path_factory.mktemp("e2e") / "grids", drives, cells=32)  # FCN halves it five times
+    return write_store(
+        tmp_path_factory.mktemp("e2e") / "grids", drives, cells=32, dogma=True
+    )  # FCN halves it five times
 
 
 @pytest.fixture(autouse=True)
@@ -58,8 +74,7 @@ def failure(args: list[str], capsys: pytest.CaptureFixture[str]) -> str:
     return lines[0]
 
 
-@pytest.mark.parametrize("data", DATA, ids=lambda path: path.stem)
-@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize(("model", "data"), PAIRS)
 def test_every_configuration_fits_tests_and_predicts(model: Path, data: Path, store: Path) -> None:
     one_window = ["--data.samples=1", "--data.batch_size=1", "--data.val=[b@-20]", "--data.test=[c@-20]"]
     args = configured(model, data, store, *one_window)
@@ -134,6 +149,15 @@ def test_pictures_of_a_store(store: Path, tmp_path: Path) -> None:
     for name in ("frame.png", "drive.gif"):
         main(["show", "--store", str(store), "--out", str(tmp_path / name)])
         assert (tmp_path / name).stat().st_size > 1000
+
+
+def test_variants_without_velocities_name_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    plain = write_store(tmp_path / "plain", {"a": list(range(40)), "b": list(range(40))}, cells=32)
+    line = failure(["fit", *small(plain, "--data.variant=dst_dogma")], capsys)
+    assert "holds no array 'velocity'" in line
+    assert "--dogma true" in line
+    particles = configured(config("model/particle_forecast.yaml"), config("data/dst_static.yaml"), plain)
+    assert "'particle_forecast'" in failure(["test", *particles], capsys)
 
 
 def test_verify_finds_a_changed_byte(store: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -149,6 +149,13 @@ def test_ties_are_both_best(make_run: MakeRun) -> None:
     assert all(cell.bold for row in table.rows for cell in row[1:])
 
 
+def test_an_oracle_is_never_the_best(make_run: MakeRun) -> None:
+    runs = read_runs([make_run(), make_run("moved_last_frame_oracle", "dst_static", level=0.01)])
+    table = methods_table(runs, comparisons(methods(runs), shown_columns(runs[0])))
+    assert [[cell.bold for cell in row[1:]] for row in table.rows] == [[True] * 4, [False] * 4, [False] * 4]
+    assert "An oracle reads the future" in table.caption
+
+
 def test_published_numbers_are_the_papers() -> None:
     curves = published.curves()
     assert curves["static"].at(1.0) == pytest.approx((0.084107868373394, 0.00472553))

@@ -1,0 +1,146 @@
+"""Dynamic occupancy grid maps of a drive: which cells move, how fast, what goes into the store (Itkina et al. 2019)."""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from envpred.mapping.geometry import GridSpec
+from envpred.mapping.particle_forecast import forecast
+from envpred.mapping.particle_state import ParticleFilterParameters, initial_state
+from envpred.mapping.particles import DogmaGrid, step
+
+# The speed (m/s, per axis) that a network sees as 1: two cars that meet at 36 km/h each, relative to one of them, or
+# one car at 72 km/h relative to the ground.  What is faster is clipped.
+VELOCITY_SCALE = 20.0
+
+
+@dataclass(frozen=True)
+class DogmaParameters:
+    """How dynamic grids are made; the defaults are those of Itkina et al. 2019.
+
+    Args:
+        filter: numbers of the particle filter.
+        tau: a cell moves if the squared Mahalanobis distance of its velocity from 0 exceeds this.
+        occupied: a cell has a velocity only if its m(O) exceeds this.
+    """
+
+    filter: ParticleFilterParameters = field(default_factory=ParticleFilterParameters)
+    tau: float = 4.0
+    occupied: float = 0.95
+
+
+@dataclass(frozen=True)
+class Dogma:
+    """The dynamic grids of a drive, or of one frame without the axis T, as the store keeps them.
+
+    Args:
+        velocity: (T, 2, H, W) float16 mean velocity (east, north) in m/s; 0 where m(O) is too low.
+        covariance: (T, 3, H, W) float16 its covariance (xx, xy, yy) in m^2/s^2; 0 where m(O) is too low.
+        forecast: (T, 15, H, W) uint8 probability of occupied 1 ... 15 frames ahead, times 255, or None.
+    """
+
+    velocity: NDArray[np.float16]
+    covariance: NDArray[np.float16]
+    forecast: NDArray[np.uint8] | None
+
+
+def run(
+    measured: NDArray[np.float32],
+    centre_cell: NDArray[np.integer],
+    parameters: DogmaParameters | None = None,
+    grid: GridSpec | None = None,
+    seed: int = 0,
+    with_forecast: bool = False,
+    device: torch.device | str = "cpu",
+) -> Dogma:
+    """The dynamic grids of a whole drive.
+
+    Args:
+        measured: (T, 2, H, W) measurement masses (occupied, free), see `evidence.measured`.
+        centre_cell: (T, 2) lattice cell at each grid's centre; only differences matter.
+        parameters: filter and thresholds.
+        grid: cells and resolution.
+        seed: seed of all randomness.
+        with_forecast: also make the particle forecast, the largest array.
+        device: where the filter runs.
+
+    Raises:
+        ValueError: if the shapes do not belong together or `measured` holds no masses.
+    """
+    parameters, grid = parameters or DogmaParameters(), grid or GridSpec()
+    if measured.ndim != 4 or centre_cell.shape != (len(measured), 2):
+        raise ValueError(
+            f"measured (T,2,H,W) and centre_cell (T,2) expected, not {measured.shape} and {centre_cell.shape}"
+        )
+    frames = list(stream(measured, centre_cell, parameters, grid, seed, with_forecast, device))
+    ahead = np.stack([f.forecast for f in frames if f.forecast is not None]) if with_forecast else None
+    return Dogma(np.stack([f.velocity for f in frames]), np.stack([f.covariance for f in frames]), ahead)
+
+
+def stream(
+    measured: Iterable[NDArray[np.float32]],
+    centre_cell: NDArray[np.integer],
+    parameters: DogmaParameters,
+    grid: GridSpec,
+    seed: int = 0,
+    with_forecast: bool = False,
+    device: torch.device | str = "cpu",
+) -> Iterator[Dogma]:
+    """As `run`, frame by frame: `measured` gives one frame (2, H, W) after the other, and so does what comes out."""
+    generator = torch.Generator(device).manual_seed(seed)
+    state = initial_state(parameters.filter, grid, device)
+    shifts = np.diff(centre_cell, axis=0, prepend=centre_cell[:1]).tolist()
+    for seen, shift in zip(measured, shifts, strict=True):
+        with torch.inference_mode():
+            masses = torch.from_numpy(np.ascontiguousarray(seen)).to(device)
+            state, dogma = step(state, masses, shift, parameters.filter, grid, generator)
+            dogma = confident(dogma, parameters)
+            ahead = None
+            if with_forecast:
+                moving = is_moving(dogma.velocity, dogma.covariance, parameters.tau)
+                ahead = to_byte(forecast(state, moving, parameters.filter, grid, generator)).cpu().numpy()
+        yield Dogma(
+            dogma.velocity.cpu().numpy().astype(np.float16), dogma.covariance.cpu().numpy().astype(np.float16), ahead
+        )
+
+
+def confident(dogma: DogmaGrid, parameters: DogmaParameters) -> DogmaGrid:
+    """`dogma` with velocity and covariance 0 in the cells whose m(O) is too low."""
+    known = dogma.mass[0] > parameters.occupied
+    return DogmaGrid(dogma.mass, dogma.velocity * known, dogma.covariance * known)
+
+
+def mahalanobis(velocity: Tensor, covariance: Tensor) -> Tensor:
+    """Squared Mahalanobis distance (..., H, W) of `velocity` (..., 2, H, W) from 0: v' P^-1 v.
+
+    A degenerate `covariance` (..., 3, H, W), |det P| < 1e-6, counts as distance 0.
+    """
+    (x, y), (xx, xy, yy) = velocity.float().unbind(-3), covariance.float().unbind(-3)
+    determinant = xx * yy - xy * xy
+    degenerate = determinant.abs() < 1e-6
+    distance = (yy * x * x - 2 * xy * x * y + xx * y * y) / torch.where(degenerate, 1, determinant)
+    return torch.where(degenerate, 0, distance)
+
+
+def is_moving(velocity: Tensor, covariance: Tensor, tau: float = DogmaParameters.tau) -> Tensor:
+    """Which cells (..., H, W) bool move, from `velocity` (..., 2, H, W) and `covariance` (..., 3, H, W)."""
+    return mahalanobis(velocity, covariance) > tau
+
+
+def moving_velocity(velocity: Tensor, covariance: Tensor, tau: float = DogmaParameters.tau) -> Tensor:
+    """`velocity` (..., 2, H, W) float32 in m/s, 0 in the cells that do not move."""
+    return velocity.float() * is_moving(velocity, covariance, tau).unsqueeze(-3)
+
+
+def scaled(velocity: Tensor, scale: float = VELOCITY_SCALE) -> Tensor:
+    """`velocity` in m/s as a network sees it: divided by `scale` (m/s) and clipped to [-1, 1]."""
+    return (velocity / scale).clamp(-1, 1)
+
+
+def to_byte(probability: Tensor) -> Tensor:
+    """Probabilities in [0, 1] as uint8, times 255."""
+    return (probability * 255).round().to(torch.uint8)

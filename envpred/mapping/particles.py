@@ -1,0 +1,261 @@
+"""Dynamic occupancy grids by particles: the PHD/MIB filter of Nuss et al. 2016; its equation numbers stand in the code.
+
+"A random finite set approach for dynamic occupancy grid maps with real-time application" (Int. J. Robotics Research
+2018).  Occupied mass is carried by particles with a velocity, free mass by the cells.  All steps are array operations
+on any device.  Particles are counted on the grid with a rim one cell wide, which collects those that have left.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from envpred.mapping.geometry import GridSpec
+from envpred.mapping.particle_state import ParticleFilterParameters, ParticleState
+
+
+@dataclass(frozen=True)
+class DogmaGrid:
+    """A dynamic occupancy grid.
+
+    Args:
+        mass: (2, H, W) posterior masses (occupied, free).
+        velocity: (2, H, W) mean velocity (east, north) of a cell's persistent particles in m/s, 0 where there are none.
+        covariance: (3, H, W) their covariance (xx, xy, yy) in m^2/s^2, 0 where there are none.
+    """
+
+    mass: Tensor
+    velocity: Tensor
+    covariance: Tensor
+
+
+@dataclass(frozen=True)
+class Particles:
+    """Particles in the order of their cells.
+
+    Args:
+        position: (2, N) in cells.
+        velocity: (2, N) in m/s.
+        count: ((H+2)(W+2),) int64, how many particles each cell of the grid with its rim holds.
+    """
+
+    position: Tensor
+    velocity: Tensor
+    count: Tensor
+
+
+def step(
+    state: ParticleState,
+    measured: Tensor,
+    shift: Sequence[int],
+    parameters: ParticleFilterParameters,
+    grid: GridSpec,
+    generator: torch.Generator,
+) -> tuple[ParticleState, DogmaGrid]:
+    """The state and the dynamic grid after one more measurement grid.
+
+    Args:
+        state: the state after the frame before, or `initial_state`.
+        measured: (2, H, W) float32 measurement masses (occupied, free).
+        shift: (2,) how far the grid has moved since the frame before, in cells.
+        parameters: numbers of the filter.
+        grid: the grid, for its resolution.
+        generator: source of randomness, on the state's device.
+
+    Raises:
+        ValueError: if the shapes do not belong together or `measured` holds no masses (NaN, negative, sum > 1).
+    """
+    check(state, measured, shift, parameters, grid)
+    persistent = sort_by_cell(*predict(state, shift, parameters, grid, generator), grid.cells)
+
+    occupied_predicted = predict_occupied(without_rim(persistent.count, grid.cells), state.weight, parameters)
+    if parameters.frame == "ground":
+        # Particles from beyond the border are missing, so what has crept into the cells that enter is no prediction.
+        occupied_predicted = occupied_predicted * shifted(torch.ones_like(occupied_predicted), shift)
+    free_predicted = predict_free(shifted(state.mass[1], shift), occupied_predicted, parameters)
+    mass = combine(occupied_predicted, free_predicted, measured)
+    born, persisting = split_occupied(mass[0], occupied_predicted, parameters)
+
+    newborn = give_birth(born, parameters, generator)
+    # (69)-(73) without a velocity measurement: the particles of a cell share rho_p equally; likewise (74)-(80) rho_b.
+    # Hence nothing is stored per particle: a cell's mass and count say what each of its particles weighs.
+    velocity, covariance = moments(persistent, grid.cells)
+    position, speed, weight = resample(persistent, persisting, newborn, born, generator)
+    return (
+        ParticleState(position, speed, weight, mass),
+        DogmaGrid(mass, velocity, covariance),
+    )
+
+
+def predict(
+    state: ParticleState,
+    shift: Sequence[int],
+    parameters: ParticleFilterParameters,
+    grid: GridSpec,
+    generator: torch.Generator,
+) -> tuple[Tensor, Tensor]:
+    """Positions and velocities (2, N) one period later, with constant velocity and process noise (14)."""
+    noise = torch.randn(4, state.position.shape[1], generator=generator, device=state.position.device)
+    position = state.position.add(state.velocity, alpha=parameters.period / grid.resolution)
+    position.add_(noise[:2], alpha=parameters.position_noise / grid.resolution)
+    if parameters.frame == "ground":
+        position.sub_(position.new_tensor(shift)[:, None])
+    velocity = state.velocity.add(noise[2:], alpha=parameters.velocity_noise)
+    return position, velocity
+
+
+def sort_by_cell(position: Tensor, velocity: Tensor, cells: int) -> Particles:
+    """The particles at `position` with `velocity` (2, N) in the order of the cells they are in."""
+    number = cell_number(position, cells)
+    order = torch.sort(number, stable=True).indices
+    count = torch.bincount(number, minlength=(cells + 2) ** 2)
+    return Particles(position.index_select(1, order), velocity.index_select(1, order), count)
+
+
+def cell_number(position: Tensor, cells: int) -> Tensor:
+    """Number (N,) of the cell of each `position` (2, N), in the grid with its rim."""
+    i, j = position.floor().clamp_(-1, cells).add_(1)
+    small = (cells + 2) ** 2 < 2**15  # short keys sort faster
+    number: Tensor = i * (cells + 2) + j
+    return number.to(torch.int16 if small else torch.int32)
+
+
+def predict_occupied(count: Tensor, weight: Tensor, parameters: ParticleFilterParameters) -> Tensor:
+    """Predicted m(O): the sum of a cell's weights, each times p_S (39), capped at p_S."""
+    return (count * (weight * parameters.survival)).clamp(max=parameters.survival)
+
+
+def predict_free(free: Tensor, occupied_predicted: Tensor, parameters: ParticleFilterParameters) -> Tensor:
+    """Predicted m(F): the aged free mass, as far as the predicted m(O) leaves room (62)."""
+    return torch.minimum(parameters.discount * free, 1 - occupied_predicted)
+
+
+def combine(occupied: Tensor, free: Tensor, measured: Tensor) -> Tensor:
+    """Dempster's rule (63): masses (2, H, W) from predicted `occupied` and `free` (H, W) and `measured` (2, H, W)."""
+    unknown, unknown_measured = 1 - occupied - free, 1 - measured[0] - measured[1]
+    conflict = free * measured[0] + occupied * measured[1]
+    agreed_occupied = occupied * unknown_measured + unknown * measured[0] + occupied * measured[0]
+    agreed_free = free * unknown_measured + unknown * measured[1] + free * measured[1]
+    return torch.stack((agreed_occupied, agreed_free)) / (1 - conflict)
+
+
+def split_occupied(
+    occupied: Tensor, occupied_predicted: Tensor, parameters: ParticleFilterParameters
+) -> tuple[Tensor, Tensor]:
+    """Posterior m(O) split into what is newly born, rho_b (67), and what has persisted, rho_p (68)."""
+    birth = parameters.birth * (1 - occupied_predicted)
+    born = occupied * (birth / (occupied_predicted + birth))
+    return born, occupied - born
+
+
+def give_birth(born: Tensor, parameters: ParticleFilterParameters, generator: torch.Generator) -> Particles:
+    """New particles (74)-(80): cells get them in proportion to `born` (H, W), anywhere in the cell, at any velocity."""
+    share = with_rim(born)
+    count = apportion(share, torch.ones_like(share), parameters.births, generator)
+    number = torch.repeat_interleave(count, output_size=parameters.births)
+    width = born.shape[1] + 2
+    corner = torch.stack((torch.div(number, width, rounding_mode="floor"), number % width)) - 1
+    position = corner + torch.rand(corner.shape, generator=generator, device=born.device)
+    velocity = torch.randn(corner.shape, generator=generator, device=born.device) * parameters.birth_velocity
+    velocity *= torch.rand(corner.shape[1], generator=generator, device=born.device) >= parameters.birth_standing
+    return Particles(position, velocity, count)
+
+
+def moments(particles: Particles, cells: int) -> tuple[Tensor, Tensor]:
+    """Mean velocity (2, H, W) and covariance (3, H, W) of the particles of each cell, which weigh the same."""
+    last = particles.count.cumsum(0) - 1
+    x, y = particles.velocity
+
+    def mean(value: Tensor) -> Tensor:
+        # In double precision, as differences of sums over all particles follow.
+        until = value.cumsum(0, dtype=torch.float64).index_select(0, last.clamp(min=0)) * (last >= 0)
+        return without_rim(until.diff(prepend=until.new_zeros(1)) / particles.count.clamp(min=1), cells)
+
+    mean_x, mean_y = mean(x), mean(y)
+    xx, xy, yy = mean(x * x) - mean_x * mean_x, mean(x * y) - mean_x * mean_y, mean(y * y) - mean_y * mean_y
+    return torch.stack((mean_x, mean_y)).float(), torch.stack((xx.clamp(min=0), xy, yy.clamp(min=0))).float()
+
+
+def resample(
+    persistent: Particles, persisting: Tensor, newborn: Particles, born: Tensor, generator: torch.Generator
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Positions and velocities (2, N) drawn from persistent and newborn particles, and the weight () that each has.
+
+    Systematic in two stages: cells get children in proportion to their mass, then the children of a cell are spread
+    evenly over its particles, which weigh the same.
+    """
+    N = persistent.position.shape[1]
+    count = torch.cat((persistent.count, newborn.count))
+    share = torch.cat((with_rim(persisting), with_rim(born))) * (count > 0)  # what no particle carries cannot be drawn
+    children = apportion(share, count, N, generator)
+
+    group = torch.repeat_interleave(children, output_size=N)
+    # Child r of a cell's n takes the particle at (r + u) k / n of its k; 0.999 keeps rounding inside the cell.
+    stride = count / children.clamp(min=1).double()
+    u = 0.999 * torch.rand(stride.shape, generator=generator, device=share.device, dtype=stride.dtype)
+    start = (count.cumsum(0) - count) + (u - (children.cumsum(0) - children)) * stride
+    child = torch.arange(N, device=share.device)
+    parent = (child * stride.index_select(0, group) + start.index_select(0, group)).long()
+    position = torch.cat((persistent.position, newborn.position), 1).index_select(1, parent)
+    velocity = torch.cat((persistent.velocity, newborn.velocity), 1).index_select(1, parent)
+    return position, velocity, (share.sum(dtype=torch.float64) / N).float()
+
+
+def apportion(share: Tensor, fallback: Tensor, total: int, generator: torch.Generator) -> Tensor:
+    """How many (M,) int64 of `total` each of M parties gets, in proportion to `share`, by systematic sampling.
+
+    Where all shares are 0, `fallback` takes their place.
+    """
+    sums = torch.where(share.sum() > 0, share, fallback).double().cumsum(0)
+    u = torch.rand((), generator=generator, device=share.device, dtype=torch.float64)
+    return torch.floor(sums / sums[-1] * total + u).diff(prepend=sums.new_zeros(1)).long()
+
+
+def with_rim(field: Tensor) -> Tensor:
+    """`field` (H, W) with a rim of zeros, flat."""
+    return torch.nn.functional.pad(field, (1, 1, 1, 1)).flatten()
+
+
+def without_rim(flat: Tensor, cells: int) -> Tensor:
+    """The grid (H, W) in a `flat` one with its rim."""
+    return flat.view(cells + 2, cells + 2)[1:-1, 1:-1]
+
+
+def shifted(field: Tensor, shift: Sequence[int]) -> Tensor:
+    """`field` (H, W) on a grid that has moved on by `shift` cells; cells that enter are 0."""
+    moved = torch.zeros_like(field)
+    (to_i, from_i), (to_j, from_j) = (_overlap(int(s), n) for s, n in zip(shift, field.shape, strict=True))
+    moved[to_i, to_j] = field[from_i, from_j]
+    return moved
+
+
+def _overlap(shift: int, size: int) -> tuple[slice, slice]:
+    """Where the new grid's part of the old one goes, and where it comes from."""
+    kept = max(size - abs(shift), 0)
+    to = min(max(-shift, 0), size)
+    origin = min(max(shift, 0), size)
+    return slice(to, to + kept), slice(origin, origin + kept)
+
+
+def check(
+    state: ParticleState,
+    measured: Tensor,
+    shift: Sequence[int],
+    parameters: ParticleFilterParameters,
+    grid: GridSpec,
+) -> None:
+    """Refuse what does not belong together."""
+    if measured.shape != state.mass.shape or measured.shape != (2, grid.cells, grid.cells) or len(shift) != 2:
+        raise ValueError(
+            f"measured masses (2,{grid.cells},{grid.cells}) like the state's and a shift (2,) expected, "
+            f"not {tuple(measured.shape)}, {tuple(state.mass.shape)} and ({len(shift)},)"
+        )
+    if state.position.shape != (2, parameters.persistent) or state.velocity.shape != state.position.shape:
+        raise ValueError(
+            f"positions and velocities (2,{parameters.persistent}) expected, "
+            f"not {tuple(state.position.shape)} and {tuple(state.velocity.shape)}"
+        )
+    # Comparisons with "not a number" are false, so this finds it as well.
+    if not bool((measured >= 0).all() & (measured.sum(0) <= 1 + 1e-6).all()):
+        raise ValueError("measured masses must be numbers of at least 0 that sum to at most 1 in every cell")

@@ -1,0 +1,146 @@
+"""The sensor: its geometry, its noise, what it does not see; and the meshes it looks at."""
+
+import numpy as np
+import pytest
+from embreex.rtcore import EmbreeDevice
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from envpred.drives.simulate import classes, furniture, models
+from envpred.drives.simulate.lidar import HDL64E, Target
+from envpred.drives.simulate.mesh import Mesh, box, join
+from envpred.drives.simulate.traffic import KINDS
+
+DEVICE = EmbreeDevice()
+SENSOR = HDL64E()
+
+
+def pose_at(x: float = 0.0, y: float = 0.0, z: float = 1.73, yaw: float = 0.0) -> np.ndarray:
+    c, s = np.cos(yaw), np.sin(yaw)
+    return np.array([[c, -s, 0, x], [s, c, 0, y], [0, 0, 1, z], [0, 0, 0, 1.0]])
+
+
+def plane(size: float = 300.0) -> Mesh:
+    return box((-size, size), (-size, size), (-1.0, 0.0), classes.ROAD, "asphalt")
+
+
+def test_beams_are_those_of_the_manual() -> None:
+    degrees = np.degrees(SENSOR.elevation)
+    assert len(degrees) == 64
+    assert (degrees[0], degrees[31]) == pytest.approx((2.0, -8.333), abs=1e-3)
+    assert (degrees[32], degrees[63]) == pytest.approx((-8.83, -24.33), abs=1e-3)
+    np.testing.assert_allclose(np.diff(degrees[:32]), -1 / 3)
+    np.testing.assert_allclose(np.diff(degrees[32:]), -0.5)
+    np.testing.assert_allclose(np.degrees(np.diff(SENSOR.azimuth)), 0.1728, atol=1e-4)
+    np.testing.assert_allclose(np.linalg.norm(SENSOR.directions, axis=1), 1, atol=1e-6)
+
+
+def test_most_rays_leave_and_the_own_roof_hides_what_is_behind_and_below() -> None:
+    elevation = np.degrees(np.arcsin(SENSOR.directions[:, 2]))
+    azimuth = np.degrees(np.arctan2(SENSOR.directions[:, 1], SENSOR.directions[:, 0]))
+    assert 0.92 < len(SENSOR.directions) / (64 * 2083) < 0.96
+    assert not ((elevation < -18) & (np.abs(azimuth) > 172)).any()
+    assert (elevation > -14).sum() == (np.degrees(SENSOR.elevation) > -14).sum() * 2083
+
+
+def test_a_plane_lies_where_it_is_with_the_noise_of_the_sensor() -> None:
+    points, words = SENSOR.scan(Target(plane(), DEVICE), None, pose_at(), np.random.default_rng(0))
+    assert (words == classes.ROAD).all()
+    distance = np.linalg.norm(points[:, :3], axis=1)
+    true = 1.73 / -(points[:, 2] / distance)
+    near = true < 40
+    assert (distance - true)[near].mean() == pytest.approx(0, abs=5e-4)
+    assert (distance - true)[near].std() == pytest.approx(0.018, rel=0.03)
+    assert distance.max() < 80.1
+    assert (points[:, 2] < 0).all()  # nothing comes back from the sky
+    assert ((points[:, 3] >= 0) & (points[:, 3] < 1)).all()
+    # Grazing returns get lost: many at 70 m, few at 20 m.
+    rays = -1.73 / np.minimum(SENSOR.directions[:, 2], -1e-9)
+    kept = [((distance > a) & (distance < b)).sum() / ((rays > a) & (rays < b)).sum() for a, b in ((15, 25), (62, 78))]
+    assert kept[0] > 0.97
+    assert kept[1] < 0.85
+
+
+def test_points_are_ordered_beam_by_beam_as_in_kittis_files() -> None:
+    points, _ = SENSOR.scan(Target(plane(), DEVICE), None, pose_at(), np.random.default_rng(0))
+    azimuth = np.arctan2(points[:, 1], points[:, 0]) % (2 * np.pi)
+    turns = (np.diff(azimuth) < -5).sum() + 1
+    assert turns == (1.73 / np.tan(np.maximum(-SENSOR.elevation, 1e-9)) < 79).sum()
+
+
+def test_the_nearer_of_standing_and_moving_is_seen_in_either_order() -> None:
+    wall = box((10.0, 10.2), (-5, 5), (0, 3), classes.BUILDING, "plaster")
+    car = box((6.0, 8.0), (-1, 1), (0, 1.5), classes.MOVING_CAR, "paint_light").at(0, 0, 0, 0, 7)
+    for still, moving, wanted in (
+        (wall, car, {classes.BUILDING, classes.MOVING_CAR}),
+        (car, wall, {classes.BUILDING, classes.MOVING_CAR}),
+    ):
+        scene = Target(join([plane(), still]), DEVICE)
+        points, words = SENSOR.scan(scene, Target(moving, DEVICE), pose_at(), np.random.default_rng(0))
+        ahead = (np.abs(np.arctan2(points[:, 1], points[:, 0])) < 0.1) & (points[:, 2] > -1.2)
+        low = ahead & (points[:, 2] < -0.45)
+        assert set(classes.semantic(words[low])) == {classes.MOVING_CAR}
+        assert (classes.instance(words[low]) == 7).all()
+        assert set(classes.semantic(words[ahead])) == wanted
+        np.testing.assert_allclose(points[low, 0], 6.0, atol=0.1)
+
+
+@settings(max_examples=15, deadline=None)
+@given(
+    x=st.floats(-30, 30),
+    y=st.floats(-30, 30),
+    heading=st.floats(-3.1, 3.1),
+    yaw=st.floats(-3.1, 3.1),
+    kind=st.sampled_from(range(len(KINDS))),
+)
+def test_the_firings_that_are_cast_at_what_moves_miss_nothing(
+    x: float, y: float, heading: float, yaw: float, kind: int
+) -> None:
+    """Casting at a chosen part of the firings sees the same points as casting all rays."""
+    if np.hypot(x, y) < 4:
+        x += 10
+    body = models.road_user(kind, 4.5, 1.8).at(x, y, 0, heading, 1)
+    pose = pose_at(yaw=yaw)
+    hits = Target(body, DEVICE).hit(
+        pose[:3, 3].astype(np.float32), SENSOR.directions @ pose[:3, :3].T.astype(np.float32)
+    )
+    struck = np.unique(SENSOR.column[hits["primID"] >= 0])
+    chosen = SENSOR._towards(body, pose)
+    assert chosen[struck].all()
+    assert chosen.mean() < 0.5
+
+
+@pytest.mark.parametrize(
+    ("kind", "length", "width", "size"),
+    [
+        ("car", 4.5, 1.8, (4.5, 1.8, 1.42)),
+        ("van", 5.4, 2.0, (5.4, 2.0, 2.25)),
+        ("truck", 7.8, 2.4, (7.8, 2.4, 3.2)),
+        ("bicycle", 1.8, 0.65, (1.8, 0.6, 1.75)),
+        ("person", 0.5, 0.6, (0.6, 0.6, 1.75)),
+    ],
+)
+def test_road_users_have_their_size(kind: str, length: float, width: float, size: tuple[float, float, float]) -> None:
+    index = KINDS.index(kind)
+    got = models.size_of(index, length, width)
+    assert got == pytest.approx(size, abs=0.16)
+    for phase in range(models.PHASES):
+        body = models.road_user(index, length, width, True, phase)
+        assert body.vertices[:, 2].min() == pytest.approx(0, abs=0.31)
+        assert set(body.label) == {models.class_of(index, False)}
+
+
+def test_light_falls_through_leaves_but_not_through_walls() -> None:
+    rng = np.random.default_rng(0)
+    rays = np.tile(np.array([1, 0, 0], np.float32), (400, 1))
+    rays[:, 1] = np.linspace(-0.1, 0.1, 400)
+    eye = np.array([-8, 0, 3.0], np.float32)
+    through = {
+        name: (Target(model, DEVICE).hit(eye, rays)["primID"] < 0).mean()
+        for name, model in {
+            "tree": furniture.tree(6, 1.5, 1.5, rng),
+            "wall": furniture.wall(8, 4).at(0, 0, 0, np.pi / 2),
+        }.items()
+    }
+    assert 0.1 < through["tree"] < 0.9
+    assert through["wall"] == 0
