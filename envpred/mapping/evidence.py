@@ -112,14 +112,15 @@ def _fuse(posterior, prior, label, shift_i, shift_j, table, alpha):  # type: ign
                 # Aging: both caps take the masses before aging, so that m(O) + m(F) <= 1 stays true.
                 occupied = min(alpha * old_occupied, one - old_free)
                 free = min(alpha * old_free, one - old_occupied)
-            unknown = one - occupied - free
+            unknown = max(one - occupied - free, zero)
             seen_occupied, seen_free = table[label[i, j], 0], table[label[i, j], 1]
             seen_unknown = one - seen_occupied - seen_free
-            # Dempster's rule of combination; K is the mass in conflict.
-            conflict = free * seen_occupied + occupied * seen_free
-            if conflict >= one:  # certainty against certainty, where the rule has no answer: the newer one stands
+            # Dempster's rule of combination.  What agrees adds up to 1 - K, with K the mass in conflict; summed like
+            # this, and not from K, no mass leaves [0, 1] by rounding.
+            agreed_occupied = occupied * seen_unknown + unknown * seen_occupied + occupied * seen_occupied
+            agreed_free = free * seen_unknown + unknown * seen_free + free * seen_free
+            agreed = agreed_occupied + agreed_free + unknown * seen_unknown
+            if agreed > 0:
+                posterior[0, i, j], posterior[1, i, j] = agreed_occupied / agreed, agreed_free / agreed
+            else:  # certainty against certainty, where the rule has no answer: the newer one stands
                 posterior[0, i, j], posterior[1, i, j] = seen_occupied, seen_free
-                continue
-            agree = one / (one - conflict)
-            posterior[0, i, j] = agree * (occupied * seen_unknown + unknown * seen_occupied + occupied * seen_occupied)
-            posterior[1, i, j] = agree * (free * seen_unknown + unknown * seen_free + free * seen_free)
