@@ -116,7 +116,7 @@ def run_jobs(
             if failure:
                 failures.append(failure)
     if failures:
-        failed = f"{len(failures)} of {before + len(drives)} drives failed; the others are in the store"
+        failed = f"{len(failures)} of {before + len(drives)} drives failed; the others are done"
         raise UserError("\n".join([*failures, failed]))
     return count
 

@@ -27,7 +27,7 @@ ALLOWED = {
     "results": {"models", "__version__"},  # names alone, for types
     "build": {"drives", "executors", "mapping", "store", "errors"},
     "executors": {"drives", "errors"},
-    "models": {"models", "networks", "datamodules", "metrics", "results", "errors"},
+    "models": {"models", "networks", "datamodules", "metrics", "results", "errors", "mapping.particle_forecast"},
 }
 
 
