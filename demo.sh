@@ -20,7 +20,7 @@ configs=$repository/configs
 common="--config $configs/data/dst_static.yaml $quiet"
 if [ ! -f $runs/prednet/dst_static/version_0/checkpoints/best.ckpt ]; then
   # shellcheck disable=SC2086
-  envpred fit --config "$configs/model/prednet_small.yaml" $common --data.augment true
+  envpred fit --config "$configs/model/prednet_small.yaml" $common
 fi
 # shellcheck disable=SC2086
 envpred test --config "$configs/model/prednet_small.yaml" $common --ckpt_path best
