@@ -96,6 +96,7 @@ def lightning(args: list[str] | None = None) -> EnvpredCLI:
     """Run fit, validate, test or predict with `args`."""
     torch.set_float32_matmul_precision("high")  # TF32 where a GPU has it; nothing changes on a CPU
     warnings.filterwarnings("ignore", "LightningCLI's args parameter is intended")  # `main` takes them from sys.argv
+    warnings.filterwarnings("ignore", ".*treespec, LeafSpec.*")  # Lightning's own affair
     warnings.filterwarnings("ignore", ".*does not have many workers.*")  # reading a window takes a millisecond
     return EnvpredCLI(
         Forecaster,

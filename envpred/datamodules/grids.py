@@ -114,6 +114,12 @@ class GridDataModule(LightningDataModule):
         chosen = np.unique(np.linspace(0, len(data) - 1, windows).round().astype(int))
         return float(np.mean([data[int(k)]["occupancy"].mean() for k in chosen]))
 
+    @property
+    def cells(self) -> int:
+        """Cells along a side of the grids."""
+        drives = [stretch.drive for stretches in self.stretches.values() for stretch in stretches]
+        return int(drives[0].manifest["lattice"]["cells"])
+
     def describe(self, part: str) -> dict[str, Any]:
         """What a result was measured on: split, drives, windows and a hash of their content."""
         arrays = sorted({*self.view.arrays, "evidence"})

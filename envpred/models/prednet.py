@@ -177,6 +177,13 @@ class PredNetForecaster(Forecaster):
 
     def setup(self, stage: str) -> None:
         super().setup(stage)
+        channels, cells = self.hparams["channels"], self.dataset.cells
+        halvings = len(channels)
+        if cells % 2**halvings:
+            raise UserError(
+                f"--model.channels '{channels}': so many layers halve the grid {halvings} times, but its "
+                f"side of {cells} cells is no multiple of {2**halvings}; give fewer"
+            )
         if stage != "fit":
             return
         # The schedule is the model's; --trainer.max_epochs can only cut it short.
