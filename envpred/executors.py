@@ -46,14 +46,15 @@ def in_processes(job: Job[D], drives: list[D], workers: int | None) -> Outcome:
     if count == 0:
         return
     context = multiprocessing.get_context("spawn")  # fork would copy torch's and numba's threads half
-    frames = context.Value("q", 0)
+    # Frames done, a place a drive: each has one writer, so there is no lock that a killed worker could take along.
+    frames = context.RawArray("q", len(drives))
     seen = 0
     waiting: set[Future[str | None]] = set()
     others = set(multiprocessing.active_children())
     pool = ProcessPoolExecutor(count, context, initializer=_enter_worker, initargs=(frames,))
     try:
         with _interrupt_later():
-            waiting = {pool.submit(_in_worker, job, drive) for drive in drives}
+            waiting = {pool.submit(_in_worker, job, drive, place) for place, drive in enumerate(drives)}
         while waiting:
             finished: set[Future[str | None]] = set()
             try:
@@ -63,7 +64,7 @@ def in_processes(job: Job[D], drives: list[D], workers: int | None) -> Outcome:
             except TimeoutError:
                 pass
             waiting -= finished
-            now = frames.value
+            now = sum(frames)
             yield now - seen, None
             seen = now
     except BrokenProcessPool:
@@ -117,10 +118,9 @@ def _enter_worker(frames: Any) -> None:
     threading.Thread(target=follow, daemon=True).start()
 
 
-def _in_worker(job: Job[D], drive: D) -> str | None:
+def _in_worker(job: Job[D], drive: D, place: int) -> str | None:
     def count() -> None:
-        with _worker.frames.get_lock():
-            _worker.frames.value += 1
+        _worker.frames[place] += 1
 
     try:
         return job(drive, count)

@@ -5,6 +5,7 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from envpred.store import Store
 from tests.drives.synthetic import write_drive
@@ -88,3 +89,9 @@ def write_long_drive(root: Path, number: str, frames: int) -> Path:
         for k in range(10, frames):
             (folder / f"{k:010d}{ending}").symlink_to(folder / f"{k % 10:010d}{ending}")
     return drive
+
+
+def count_forever(drive: Any, on_frame: Callable[[], None]) -> str | None:
+    """A job that does nothing but report frames."""
+    while True:
+        on_frame()

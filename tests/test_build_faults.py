@@ -1,5 +1,6 @@
 """Builds that are killed, interrupted or lose a worker, for real: a drive is whole or absent, the next run goes on."""
 
+import multiprocessing
 import os
 import random
 import signal
@@ -7,9 +8,13 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
 import pytest
 
+from envpred.errors import UserError
+from envpred.executors import in_processes
 from envpred.store import Store
 from tests import builds
 
@@ -101,9 +106,25 @@ def test_interrupt_while_workers_start(source: Path, tmp_path: Path) -> None:
     interrupted(process, tmp_path / "grids")
 
 
+def kill_once_it_counts() -> None:
+    drives = [SimpleNamespace(name="a", frames=[0])]
+    for frames, _ in in_processes(builds.count_forever, drives, 1):
+        if frames:
+            for worker in multiprocessing.active_children():
+                os.kill(cast(int, worker.pid), signal.SIGKILL)
+
+
+@pytest.mark.parametrize("again", range(6))  # a lock taken along would be held at most every other time
+def test_a_worker_killed_while_it_counts_holds_nothing_up(again: int) -> None:
+    with pytest.raises(UserError, match="killed from outside"):
+        kill_once_it_counts()
+
+
 MEASURE = """
 import resource, sys
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 from envpred.build import build
 build(Path(sys.argv[1]), Path(sys.argv[2]), workers=1)
 # Its own peak is the kernel's: getrusage's starts from what the test's process had when it started this one.
