@@ -82,7 +82,10 @@ def build(
     job = functools.partial(_attempt, store=store.resolve(), parameters=parameters, key=key)
     if ready and not cluster:
         _compile(parameters)
-    mapped = run_jobs(job, ready, "mapping", workers, cluster, failures)
+    try:
+        mapped = run_jobs(job, ready, "mapping", workers, cluster, failures)
+    finally:
+        sweep(store)  # what workers had begun when they were ended
     _say(f"{_drives(len(todo))}, {mapped} frames mapped into {store} in {time.monotonic() - start:.0f} s")
 
 

@@ -16,7 +16,7 @@ from envpred.mapping.dogma import DogmaParameters, stream
 from envpred.mapping.evidence import EvidenceParameters
 from envpred.mapping.geometry import GridSpec
 from envpred.mapping.particle_forecast import HORIZONS
-from envpred.store import DriveWriter, Store, StoredDrive
+from envpred.store import DriveWriter, Store, StoredDrive, sweep
 
 ALL = "all"
 
@@ -65,7 +65,10 @@ def build_dogma(
     job = functools.partial(
         _add, parameters=parameters, measures=measures, key=key, forecasts=frozenset(wanted), device=device
     )
-    run_jobs(job, todo, "velocities", workers, cluster)
+    try:
+        run_jobs(job, todo, "velocities", workers, cluster)
+    finally:
+        sweep(store)
 
 
 def _add(

@@ -37,7 +37,9 @@ Outcome = Generator[tuple[int, str | None], None, None]  # frames more, and the 
 def in_processes(job: Job[D], drives: list[D], workers: int | None) -> Outcome:
     """Run `job` for each drive in `workers` local processes, by default one a core.
 
-    Closing the generator, or an exception thrown through it, ends the workers; what they had begun is removed.
+    Closing the generator, or an exception thrown through it, ends the workers where they stand: a handler that unwound
+    their work could itself be lost in a destructor, and the build would wait for ever.  What they had begun is the
+    caller's to remove.
 
     Raises:
         UserError: if a worker is killed from outside.
@@ -107,7 +109,6 @@ def _enter_worker(frames: Any) -> None:
     """Leave Ctrl-C to the parent, and follow it if it is killed."""
     _worker.frames = frames
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # unwinds, so that the unfinished part is removed
     parent = multiprocessing.parent_process()
 
     def follow() -> None:
@@ -122,10 +123,7 @@ def _in_worker(job: Job[D], drive: D, place: int) -> str | None:
     def count() -> None:
         _worker.frames[place] += 1
 
-    try:
-        return job(drive, count)
-    except SystemExit:
-        os._exit(1)  # the pool would catch it and begin the next drive
+    return job(drive, count)
 
 
 def on_cluster(job: Job[D], drives: list[D], address: str) -> Outcome:
