@@ -22,9 +22,6 @@ class LastFrame(Forecaster):
         occupancy = batch["occupancy"]
         return occupancy[:, given - 1 : given].expand_as(occupancy[:, given:])
 
-    def configure_optimizers(self) -> None:
-        """Nothing is trained."""
-
 
 class ParticleForecast(Forecaster):
     """The particle filter's forecast: moving particles carried on by the linear model (the paper's third baseline)."""
@@ -45,9 +42,6 @@ class ParticleForecast(Forecaster):
 
     def forecast(self, batch: WindowBatch, given: int = 5) -> Tensor:
         return batch["extra"][:, : batch["occupancy"].shape[1] - given].float() / 255
-
-    def configure_optimizers(self) -> None:
-        """Nothing is trained."""
 
 
 class _Moved(Forecaster):
@@ -79,9 +73,6 @@ class _Moved(Forecaster):
         last = batch["occupancy"][:, given - 1]
         shift = self.centres(batch, given) - batch["centre_cell"][:, given - 1 : given]
         return torch.stack([_move(grid, moves, self.fill) for grid, moves in zip(last, shift, strict=True)])
-
-    def configure_optimizers(self) -> None:
-        """Nothing is trained."""
 
 
 class MovedLastFrame(_Moved):

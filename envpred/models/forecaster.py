@@ -47,6 +47,10 @@ class Forecaster(LightningModule):
     def forecast(self, batch: WindowBatch, given: int = 5) -> Tensor:
         """Probability of occupied (B, T - given, H, W) in [0, 1] of the frames after the first `given`."""
 
+    def configure_optimizers(self) -> torch.optim.Optimizer | None:
+        """The optimiser; a forecaster without parameters has none."""
+        return None
+
     @property
     def epochs(self) -> int:
         """Epochs that training takes."""
