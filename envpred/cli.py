@@ -11,33 +11,35 @@ import sys
 from pathlib import Path
 
 from envpred.errors import UserError
+from envpred.interrupts import MESSAGE, ends_at_once
 
 
 def main(args: list[str] | None = None) -> None:
     """Entry point; a user's mistake is one line on standard error and exit code 1."""
     args = sys.argv[1:] if args is None else args
     try:
-        from envpred.commands import COMMANDS
-
+        with ends_at_once():
+            from envpred.commands import COMMANDS
         if args and args[0] in COMMANDS:
             own(args[0], args[1:])
         else:
-            from envpred.lightning_cli import lightning
-
+            with ends_at_once():
+                from envpred.lightning_cli import lightning
             lightning(args)
     except UserError as error:
         print(f"envpred: {error}", file=sys.stderr)
         sys.exit(1)
     except KeyboardInterrupt:
-        print("envpred: interrupted; run the same command again to go on", file=sys.stderr)
+        print(MESSAGE, file=sys.stderr)
         sys.exit(130)
 
 
 def own(name: str, args: list[str]) -> None:
     """Run one of our own commands with `args`."""
-    from jsonargparse import ArgumentParser
+    with ends_at_once():
+        from jsonargparse import ArgumentParser
 
-    from envpred.commands import COMMANDS, POSITIONAL
+        from envpred.commands import COMMANDS, POSITIONAL
 
     function = COMMANDS[name]
     parser = ArgumentParser(prog=f"envpred {name}", description=(function.__doc__ or "").splitlines()[0])

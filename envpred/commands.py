@@ -9,6 +9,7 @@ import numpy as np
 from envpred.build import MappingParameters, build
 from envpred.drives import Drive, find_drives
 from envpred.errors import UserError
+from envpred.interrupts import ends_at_once
 from envpred.mapping.evidence import EvidenceParameters
 from envpred.mapping.geometry import GridSpec
 from envpred.mapping.ground import GroundSegmenter, MarkovRandomField, RansacPlane
@@ -58,8 +59,8 @@ def grids(
     parameters = MappingParameters(grid, ground, rays, evidence, sensor)
     build(source, store, parameters, drives, workers, cluster, force)
     if dogma or particle_forecast:
-        from envpred.build_dogma import build_dogma
-
+        with ends_at_once():
+            from envpred.build_dogma import build_dogma
         build_dogma(store, particles, drives, particle_forecast, workers, cluster, force, device)
 
 

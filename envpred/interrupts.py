@@ -1,0 +1,32 @@
+"""Ctrl-C while libraries load."""
+
+import os
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import FrameType
+from typing import NoReturn
+
+MESSAGE = "envpred: interrupted; run the same command again to go on"
+
+
+@contextmanager
+def ends_at_once() -> Iterator[None]:
+    """Let Ctrl-C end the process where it stands, while libraries load and nothing has begun that could be lost.
+
+    A C extension may turn a KeyboardInterrupt that it meets while it loads into an ImportError, or swallow it.
+    """
+
+    def end(signum: int, frame: FrameType | None) -> NoReturn:
+        os.write(2, f"{MESSAGE}\n".encode())
+        os._exit(130)
+
+    if threading.current_thread() is not threading.main_thread():  # only that one may set signal handlers
+        yield
+        return
+    before = signal.signal(signal.SIGINT, end)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
