@@ -69,6 +69,9 @@ def test_t5_loss_by_hand(first: int) -> None:
     predictions[:, 0], predictions[:, 1], predictions[:, 3] = 9.0, 0.6, 0.2  # frame 0 counts nowhere
     expected = 0.5 * (0.6 + 0.0 + 0.2) / 3 if first == 1 else 0.5 * 0.2
     assert model.t5_loss(frames, predictions).item() == pytest.approx(expected)
+    squared = prednet(first_scored=first, t5_error="squared")
+    expected = 0.5 * (0.36 + 0.0 + 0.04) / 3 if first == 1 else 0.5 * 0.04
+    assert squared.t5_loss(frames, predictions).item() == pytest.approx(expected)
 
 
 def test_learning_rates_of_both_stages() -> None:
