@@ -181,13 +181,16 @@ class PredNetForecaster(Forecaster):
 
     def setup(self, stage: str) -> None:
         super().setup(stage)
-        channels, cells = self.hparams["channels"], self.dataset.cells
+        channels, sides = self.hparams["channels"], {"grid": self.dataset.cells}
+        if stage == "fit" and self.dataset.crop is not None:
+            sides["--data.crop"] = self.dataset.crop
         halvings = len(channels)
-        if cells % 2**halvings:
-            raise UserError(
-                f"--model.channels '{channels}': so many layers halve the grid {halvings} times, but its "
-                f"side of {cells} cells is no multiple of {2**halvings}; give fewer"
-            )
+        for what, cells in sides.items():
+            if cells % 2**halvings:
+                raise UserError(
+                    f"--model.channels '{channels}': so many layers halve the grid {halvings} times, but the {what}'s "
+                    f"side of {cells} cells is no multiple of {2**halvings}; give fewer"
+                )
         if stage != "fit":
             return
         # The schedule is the model's; --trainer.max_epochs can only cut it short.

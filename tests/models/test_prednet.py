@@ -237,6 +237,8 @@ def test_dead_output_is_no_false_alarm_before_training(store: Path, tmp_path: Pa
 def test_a_grid_that_cannot_be_halved_so_often_is_refused(store: Path, tmp_path: Path) -> None:
     with pytest.raises(UserError, match="16 cells is no multiple of 32"):
         trainer(tmp_path).fit(prednet(channels=[2] * 5), datamodule=grids(store))
+    with pytest.raises(UserError, match=r"--data.crop's side of 6 cells is no multiple of 4"):
+        trainer(tmp_path).fit(prednet(channels=[2] * 2), datamodule=grids(store, crop=6))
 
 
 @pytest.mark.parametrize(
