@@ -59,7 +59,7 @@ def config(name: str) -> Path:
 
 def small(store: Path, *more: str) -> list[str]:
     """A PredNet that trains in a second."""
-    quick = ["--model.channels=[4]", "--model.t1_epochs=1", "--model.t5_epochs=1", "--data.samples=2"]
+    quick = ["--model.channels=[4]", "--model.t1_epochs=1", "--model.t5_epochs=1", "--data.samples=2", "--data.crop=16"]
     return configured(config("model/prednet_small.yaml"), config("data/dst_static.yaml"), store, *quick, *more)
 
 
@@ -76,7 +76,13 @@ def failure(args: list[str], capsys: pytest.CaptureFixture[str]) -> str:
 
 @pytest.mark.parametrize(("model", "data"), PAIRS)
 def test_every_configuration_fits_tests_and_predicts(model: Path, data: Path, store: Path) -> None:
-    one_window = ["--data.samples=1", "--data.batch_size=1", "--data.val=[b@-20]", "--data.test=[c@-20]"]
+    one_window = [
+        "--data.samples=1",
+        "--data.batch_size=1",
+        "--data.crop=32",
+        "--data.val=[b@-20]",
+        "--data.test=[c@-20]",
+    ]
     args = configured(model, data, store, *one_window)
     trains = "epochs" in model.read_text()
     if trains:
