@@ -5,8 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from envpred.forecast_pictures import comparison_strip
 from envpred.movers import movers, on_lattice_of
-from envpred.plots import comparison_strip, save
+from envpred.plots import save
 
 CELLS, FRAMES = 64, 12
 
