@@ -11,8 +11,10 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.image import AxesImage
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
+from matplotlib.ticker import MaxNLocator, NullLocator
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
@@ -23,8 +25,11 @@ from envpred.results import PERIOD, SHOWN_HORIZONS, horizon_name
 from envpred.scenes import Scene
 
 EGO_CIRCLE = 3.5  # m; the ego's body and a little more
-WHITE, BLACK, PALE = (255, 255, 255), (0, 0, 0), (230, 230, 230)
-RIM, FORECAST_RIM = (150, 150, 150), (230, 159, 0)
+# An animation's palette: greys from black to white, and the orange of what is forecast.
+BLACK, RIM, PALE, WHITE, FORECAST_RIM = 0, 148, 227, 252, 254
+GREYS = [value for grey in range(WHITE + 1) for value in [round(255 * grey / WHITE)] * 3]
+PALETTE = [*GREYS, 0, 0, 0, 230, 159, 0, 0, 0, 0]
+SHADES = 36  # of a map in an animation; more make files grow and nobody sees them
 
 
 def scene_strip(
@@ -64,25 +69,18 @@ def scene_animation(scene: Scene) -> bytes:
 def forecast_strip(target: Grid, forecast: Grid, horizons: Sequence[int], title: str = "") -> Figure:
     """Targets over forecasts over their error at some `horizons` (1 is the first), each (N, H, W)."""
     shown = [h for h in horizons if h <= len(target)]
-    # Placed by hand: matplotlib's automatic layout takes seconds for that many panels, and training waits for them.
-    width, height = 2.1 * len(shown) + 1.9, 7.0
-    fig = figure(width, height, layout=None)
-    axes = fig.subplots(3, len(shown), sharex=True, sharey=True, squeeze=False)
-    fig.subplots_adjust(0.8 / width, 0.75 / height, 1 - 1.0 / width, 1 - 0.65 / height, 0.08, 0.12)
+    fig, axes = _panels(len(shown), 3)
     for column, h in enumerate(shown):
         truth, guess = target[h - 1], forecast[h - 1]
-        black = draw_grid(axes[0, column], truth, cmap="gray_r", vmin=0, vmax=1)
-        draw_grid(axes[1, column], guess, cmap="gray_r", vmin=0, vmax=1)
-        error = draw_grid(axes[2, column], guess - truth, cmap="PuOr", vmin=-1, vmax=1)
-        axes[0, column].set_title(f"{horizon_name(h)}")
-        axes[2, column].set_xlabel(f"east (m)\nMSE {np.mean((guess - truth) ** 2):.4f}", fontsize=8)
-    for row, name in enumerate(("target", "forecast", "forecast - target")):
-        axes[row, 0].set_ylabel(f"{name}\nnorth (m)", fontsize=8)
-    for image, first, last, name in ((black, 0, 1, "probability of occupied"), (error, 2, 2, "error")):
-        top, bottom = axes[first, -1].get_position(), axes[last, -1].get_position()
-        place = (top.x1 + 0.15 / width, bottom.y0, 0.14 / width, top.y1 - bottom.y0)
-        fig.colorbar(image, cax=fig.add_axes(place), label=name)
-    fig.suptitle(title, fontsize=10)
+        black = draw_grid(axes[0][column], truth, cmap="gray_r", vmin=0, vmax=1)
+        draw_grid(axes[1][column], guess, cmap="gray_r", vmin=0, vmax=1)
+        error = draw_grid(axes[2][column], guess - truth, cmap="PuOr", vmin=-1, vmax=1)
+        axes[0][column].set_title(horizon_name(h))
+        axes[2][column].set_xlabel(f"MSE {np.mean((guess - truth) ** 2):.4f}", fontsize=8)
+    _label(axes, ["target", "forecast", "forecast - target"])
+    _bar(axes[1][-1], black, "probability of occupied")
+    _bar(axes[2][-1], error, "error")
+    _title(fig, title)
     return fig
 
 
@@ -130,24 +128,26 @@ def comparison_strip(
         here = axes[bool(ratios)][0]
         _draw(here, now, ())
         here.set_xlabel("east (m)", fontsize=8)
-        here.tick_params(labelbottom=True)
+        here.xaxis.set_major_locator(_metres())
         for row in axes[bool(ratios) + 1 :]:
             row[0].set_axis_off()
-    for row, name in zip(axes[bool(ratios) :], rows, strict=True):
-        labelled = next(ax for ax in row if ax.axison)
-        labelled.set_ylabel("\n".join([*name.split(" ", 1), "north (m)"]), fontsize=8)
-        labelled.tick_params(labelleft=True)
-    for ax in axes[-1]:
-        ax.set_xlabel(f"{ax.get_xlabel()}\neast (m)".strip(), fontsize=8)
-        ax.tick_params(labelbottom=True)
-    _keys(fig, axes[-1][-1], any(circled), title)
+    _label(axes[bool(ratios) :], list(rows))
+    _bar(
+        axes[-1][-1],
+        next(ax.images[0] for row in axes[bool(ratios) :] for ax in row if ax.images),
+        "probability of occupied",
+    )
+    circles = {"ego": SKY} | ({"moving": VERMILION} if any(circled) else {})
+    keys = [Line2D([], [], marker="o", ls="", mfc="none", mec=colour, label=name) for name, colour in circles.items()]
+    fig.legend(handles=keys, loc="lower right", fontsize=8, ncols=2, frameon=False)
+    _title(fig, title)
     return fig
 
 
-def _panels(columns: int, rows: int, camera: float) -> tuple[Figure, list[list[Axes]]]:
+def _panels(columns: int, rows: int, camera: float = 0.0) -> tuple[Figure, list[list[Axes]]]:
     """A figure of rows of square panels, above them camera pictures, so many times their width in height (0: none).
 
-    Placed by hand: matplotlib's automatic layout takes seconds for that many panels.
+    Placed by hand and without ticks: for that many panels matplotlib's automatic layout takes seconds, ticks half one.
     """
     side, gap, left, right, top, bottom = 1.9, 0.32, 0.95, 0.95, 0.65, 0.8  # inches
     heights = [side * camera] * bool(camera) + [side] * rows
@@ -163,8 +163,14 @@ def _panels(columns: int, rows: int, camera: float) -> tuple[Figure, list[list[A
     for ax in panels[0] if camera else ():
         ax.set_axis_off()
     for ax in (ax for row in panels[bool(camera) :] for ax in row):
-        ax.tick_params(labelsize=7, labelleft=False, labelbottom=False)
+        ax.tick_params(labelsize=7)
+        ax.xaxis.set_major_locator(NullLocator())
+        ax.yaxis.set_major_locator(NullLocator())
     return fig, panels
+
+
+def _metres() -> MaxNLocator:
+    return MaxNLocator(4, steps=[1, 2, 5, 10])
 
 
 def _draw(ax: Axes, grid: Grid, marks: Sequence[Mover], resolution: float = GridSpec().resolution) -> None:
@@ -179,24 +185,34 @@ def _draw(ax: Axes, grid: Grid, marks: Sequence[Mover], resolution: float = Grid
 
 
 def _blank(ax: Axes, why: str) -> None:
-    ax.set_xticks([])
-    ax.set_yticks([])
     ax.set_facecolor("#eeeeee")
     ax.text(0.5, 0.5, why, ha="center", va="center", transform=ax.transAxes, fontsize=8, color="#555555")
 
 
-def _keys(fig: Figure, last: Axes, movers: bool, title: str) -> None:
-    """The scale of grey at the right of the `last` panel, what circles mean below, and the title."""
-    place = last.get_position()
-    inch_x, inch_y = 1 / fig.get_figwidth(), 1 / fig.get_figheight()
-    bar = fig.add_axes((place.x1 + 0.15 * inch_x, place.y0, 0.14 * inch_x, min(2.6 * inch_y, 0.9 - place.y0)))
-    fig.colorbar(next(ax for ax in fig.axes if ax.axison and ax.images).images[0], cax=bar)
-    bar.set_ylabel("probability of occupied", fontsize=8)
+def _label(axes: Sequence[Sequence[Axes]], names: Sequence[str]) -> None:
+    """Names of the rows, and metres at the left and below."""
+    for row, name in zip(axes, names, strict=True):
+        first = next(ax for ax in row if ax.axison)
+        first.set_ylabel("\n(".join(name.split(" (")) + "\nnorth (m)", fontsize=8)
+        first.yaxis.set_major_locator(_metres())
+    for ax in axes[-1]:
+        ax.set_xlabel(f"{ax.get_xlabel()}\neast (m)".strip(), fontsize=8)
+        ax.xaxis.set_major_locator(_metres())
+
+
+def _bar(last: Axes, image: AxesImage, name: str) -> None:
+    """The scale of an `image`'s colours, at the right of the `last` panel of its row."""
+    fig, place = last.get_figure(root=True), last.get_position()
+    assert fig is not None
+    inch = 1 / fig.get_figwidth()
+    bar = fig.add_axes((place.x1 + 0.15 * inch, place.y0, 0.14 * inch, place.height))
+    fig.colorbar(image, cax=bar)
+    bar.set_ylabel(name, fontsize=8)
     bar.tick_params(labelsize=7)
-    circles = {"ego": SKY} | ({"moving": VERMILION} if movers else {})
-    keys = [Line2D([], [], marker="o", ls="", mfc="none", mec=colour, label=name) for name, colour in circles.items()]
-    fig.legend(handles=keys, loc="lower right", fontsize=8, ncols=2, frameon=False)
-    fig.suptitle(title, fontsize=10, y=1 - 0.12 * inch_y, va="top")
+
+
+def _title(fig: Figure, title: str) -> None:
+    fig.suptitle(title, fontsize=10, y=1 - 0.12 / fig.get_figheight(), va="top")
 
 
 def animation(
@@ -230,7 +246,7 @@ def animation(
     size = (across * (tile[0] + 6) + 6, head + -(-len(tracks) // across) * (tile[1] + line + 6))
     frames = []
     for t in range(-len(seen) + 1, max(len(grids) for grids in forecasts.values()) + 1):
-        canvas = Image.new("RGB", size, WHITE)
+        canvas = Image.new("L", size, WHITE)
         draw = ImageDraw.Draw(canvas)
         draw.text((6, 2), title, BLACK, font)
         draw.text((6, 19), f"{PERIOD * t:+.1f} s  {'forecast' if t > 0 else 'seen'}", BLACK, font)
@@ -246,10 +262,12 @@ def animation(
                 canvas.paste(PALE, (*place, x + tile[0], y + line + tile[1]))
                 draw.text((x + 8, y + line + 8), "no target" if name == "target" else "not forecast", BLACK, font)
             else:
-                grey = (255 * (1 - np.clip(grid, 0, 1))).astype(np.uint8).T[::-1]  # as a map: north up
+                shade = np.rint(SHADES * (1 - np.clip(grid, 0, 1))) * (WHITE // SHADES)
+                grey = shade.astype(np.uint8).T[::-1]  # as a map: north up
                 canvas.paste(Image.fromarray(grey.repeat(scale, 0).repeat(scale, 1)), place)
             rim = FORECAST_RIM if t > 0 and name != "target" else RIM
             draw.rectangle((*place, x + tile[0] - 1, y + line + tile[1] - 1), outline=rim, width=3)
+        canvas.putpalette(PALETTE)
         frames.append(canvas)
     out = io.BytesIO()
     frames[0].save(out, "GIF", save_all=True, append_images=frames[1:], duration=milliseconds, loop=0)
