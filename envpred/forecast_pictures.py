@@ -21,7 +21,7 @@ from PIL import Image, ImageDraw, ImageFont
 from envpred.mapping.geometry import GridSpec
 from envpred.movers import Mover
 from envpred.plots import SKY, VERMILION, Grid, draw_grid, figure
-from envpred.results import PERIOD, SHOWN_HORIZONS, horizon_name
+from envpred.results import PERIOD, SHOWN_HORIZONS
 from envpred.scenes import Scene
 
 EGO_CIRCLE = 3.5  # m; the ego's body and a little more
@@ -75,7 +75,7 @@ def forecast_strip(target: Grid, forecast: Grid, horizons: Sequence[int], title:
         black = draw_grid(axes[0][column], truth, cmap="gray_r", vmin=0, vmax=1)
         draw_grid(axes[1][column], guess, cmap="gray_r", vmin=0, vmax=1)
         error = draw_grid(axes[2][column], guess - truth, cmap="PuOr", vmin=-1, vmax=1)
-        axes[0][column].set_title(horizon_name(h))
+        axes[0][column].set_title(_seconds(h))
         axes[2][column].set_xlabel(f"MSE {np.mean((guess - truth) ** 2):.4f}", fontsize=8)
     _label(axes, ["target", "forecast", "forecast - target"])
     _bar(axes[1][-1], black, "probability of occupied")
@@ -113,7 +113,7 @@ def comparison_strip(
         if picture is not None:
             ax.imshow(picture, cmap="gray", aspect="auto")
     for column, h in enumerate(shown):
-        axes[0][first + column].set_title(horizon_name(h))
+        axes[0][first + column].set_title(_seconds(h))
         marks = circled[column] if column < len(circled) else ()
         for row, (name, grids) in zip(axes[bool(ratios) :], rows.items(), strict=True):
             if h > len(grids):
@@ -124,7 +124,7 @@ def comparison_strip(
                 error = np.mean((grids[h - 1] - target[h - 1]) ** 2)
                 row[first + column].set_xlabel(f"MSE {error:.4f}", fontsize=8)
     if now is not None:
-        axes[0][0].set_title("0.0s, seen")
+        axes[0][0].set_title(f"{_seconds(0)}, seen")
         here = axes[bool(ratios)][0]
         _draw(here, now, ())
         here.set_xlabel("east (m)", fontsize=8)
@@ -167,6 +167,10 @@ def _panels(columns: int, rows: int, camera: float = 0.0) -> tuple[Figure, list[
         ax.xaxis.set_major_locator(NullLocator())
         ax.yaxis.set_major_locator(NullLocator())
     return fig, panels
+
+
+def _seconds(steps: int) -> str:
+    return f"{PERIOD * steps:.1f} s"
 
 
 def _metres() -> MaxNLocator:

@@ -1,5 +1,6 @@
 """One window of several methods as a strip or an animation, from folders on the disk."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -96,14 +97,15 @@ def test_pictures_of_the_camera(folders: Folders, store: Path, tmp_path: Path) -
 
 def test_mistakes_get_one_line(folders: Folders, store: Path, tmp_path: Path) -> None:
     static, out = folders["static"], tmp_path / "strip.png"
-    for line, call in (
+    mistakes: list[tuple[str, Callable[[], str]]] = [
         (r"--window 18: .*static has 18 windows", lambda: draw([static], out, 18)),
         (r"--window -1", lambda: draw([static], out, -1)),
         (r"--horizons 0\.25: give multiples of 0\.1 s up to 0\.5 s", lambda: draw([static], out, 0, horizons=[0.25])),
         (r"--horizons 0\.6", lambda: draw([static], out, 0, horizons=[0.6])),
         (r"strip\.doc: no picture", lambda: draw([static], tmp_path / "strip.doc")),
         (r"holds neither predictions nor a test result", lambda: draw([tmp_path], out)),
-    ):
+    ]
+    for line, call in mistakes:
         with pytest.raises(UserError, match=line):
             call()
     assert not out.exists()

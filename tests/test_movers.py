@@ -67,7 +67,7 @@ def test_strip(tmp_path: Path) -> None:
     grids = [ax for ax in fig.axes if ax.get_ylabel().endswith("north (m)")]
     assert [ax.get_ylabel().split("\n")[0] for ax in grids] == ["target", "static", "half"]
     titled = [ax.get_title() for ax in fig.axes if ax.get_title()]
-    assert titled == ["0.1s", "0.5s", "1.0s"]  # 15 lies beyond the window
+    assert titled == ["0.1 s", "0.5 s", "1.0 s"]  # 15 lies beyond the window
     third = [ax for ax in fig.axes if ax.get_xlabel().startswith("MSE")][2]
     error = np.mean((static[9] - target[9]) ** 2)
     assert third.get_xlabel().startswith(f"MSE {error:.4f}")
@@ -98,7 +98,7 @@ def test_a_scene_points_at_what_moves_in_its_targets() -> None:
     assert found.movers(9) == []  # beyond the last target
     fig = scene_strip(found, [1, 5], camera=lambda frame: None)
     titled = [ax for ax in fig.axes if ax.get_title()]
-    assert [ax.get_title() for ax in titled] == ["0.0s, seen", "0.1s", "0.5s"]
+    assert [ax.get_title() for ax in titled] == ["0.0 s, seen", "0.1 s", "0.5 s"]
     assert len(titled[2].patches) == 2
 
 
@@ -108,12 +108,12 @@ def test_a_strip_says_what_is_missing() -> None:
     short = replace(found, forecasts={"short": found.forecasts["static"][:15]})
     fig = scene_strip(together([found, short]))
     assert [ax.get_title() for ax in fig.axes if ax.get_title()] == [
-        "0.0s, seen",
-        "0.1s",
-        "0.5s",
-        "1.0s",
-        "1.5s",
-        "2.0s",
+        "0.0 s, seen",
+        "0.1 s",
+        "0.5 s",
+        "1.0 s",
+        "1.5 s",
+        "2.0 s",
     ]
     said = [text.get_text() for ax in fig.axes for text in ax.texts]
     assert said.count("no target") == 3  # 1.0 s, 1.5 s, 2.0 s
@@ -157,7 +157,7 @@ def test_animation_plays_what_was_seen_then_target_and_forecast() -> None:
     gif = animation(grey[:3], grey[10:12], {"one": grey[20:23], "two": grey[30:31]}, scale=2)
     tiles = [[frame[90, x + 32] for x in (6, 76, 146)] for frame in frames_of(gif)]
     shade = [(255 * (1 - np.array(k) / 36)) for k in range(37)]
-    expected = [[0, 0, 0], [1, 1, 1], [2, 2, 2], [10, 20, 30], [11, 21, None], [None, 22, None]]
+    expected: list[list[int | None]] = [[0, 0, 0], [1, 1, 1], [2, 2, 2], [10, 20, 30], [11, 21, None], [None, 22, None]]
     for shown, grids in zip(tiles, expected, strict=True):
         for pixel, grid in zip(shown, grids, strict=True):
             assert np.allclose(pixel, 230 if grid is None else shade[grid], atol=1)
@@ -183,7 +183,7 @@ def test_animation_of_a_scene_begins_with_what_was_seen() -> None:
 def test_strip_of_errors() -> None:
     found = scene()
     fig = forecast_strip(found.target, found.forecasts["static"], (1, 5, 15), "a window")
-    assert [ax.get_title() for ax in fig.axes if ax.get_title()] == ["0.1s", "0.5s"]
+    assert [ax.get_title() for ax in fig.axes if ax.get_title()] == ["0.1 s", "0.5 s"]
     assert [ax.get_ylabel() for ax in fig.axes if ax.get_ylabel()] == [
         *(f"{name}\nnorth (m)" for name in ("target", "forecast", "forecast - target")),
         *("probability of occupied", "error"),

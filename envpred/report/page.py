@@ -58,11 +58,15 @@ class Picture:
 
 
 def pictures_of(runs: Sequence[Run]) -> list[Picture]:
-    """The strips and animations that the runs' results name, by paths relative to the result file."""
+    """The strips and animations that the runs' results name, by paths relative to the result file.
+
+    A run that kept its forecasts is animated beside the others, and not by itself as well.
+    """
     return [
         Picture.read(run.file.parent / path, f"{run.label}: {name.replace('_', ' ')}")
         for run in runs
         for name, path in (run.record.get("pictures") or {}).items()
+        if not (run.record.get("drawn") and path.endswith(".gif"))
     ]
 
 
