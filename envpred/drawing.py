@@ -6,7 +6,7 @@ from pathlib import Path
 
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-from envpred.drives import find_drives
+from envpred.drives import one_drive
 from envpred.errors import UserError
 from envpred.forecast_pictures import scene_animation, scene_strip
 from envpred.plots import save
@@ -103,9 +103,4 @@ def _steps(seconds: float, most: int) -> int:
 
 
 def _camera(source: Path | None, name: str) -> Callable[[int], Path | None]:
-    if source is None:
-        return lambda frame: None
-    drive = next((drive for drive in find_drives(source) if drive.name == name), None)
-    if drive is None:
-        raise UserError(f"{source}: no drive named {name}; give the folder of the drives that were forecast")
-    return drive.image
+    return (lambda frame: None) if source is None else one_drive(source, name).image
