@@ -4,12 +4,13 @@ import time
 from abc import abstractmethod
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import torch
 from lightning.pytorch import LightningModule
 from lightning.pytorch.utilities import rank_zero_info
 from torch import Tensor
+from torch.utils.flop_counter import FlopCounterMode
 from torchmetrics import MetricCollection
 
 from envpred.datamodules import GridDataModule, WindowBatch
@@ -58,8 +59,18 @@ class Forecaster(LightningModule):
         return 0
 
     def flops(self, length: int, given: int) -> int | None:
-        """Floating-point operations of the forecast of one window of `length` frames (a multiply-add is two)."""
-        return None
+        """Floating-point operations of the forecast of one window of `length` frames (a multiply-add is two).
+
+        Those of convolutions and matrix products, counted as they run; None where nothing is learned.
+        """
+        if not any(True for _ in self.parameters()):
+            return None
+        cells = self.dataset.cells
+        frames = torch.zeros(1, length, len(self.view.channels), cells, cells, device=self.device)
+        batch = cast(WindowBatch, {"frames": frames, "occupancy": frames[:, :, 0]})
+        with torch.no_grad(), FlopCounterMode(display=False) as counter:
+            self.forecast(batch, given)
+        return int(counter.get_total_flops())
 
     @property
     def dataset(self) -> GridDataModule:
