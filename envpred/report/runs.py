@@ -156,6 +156,11 @@ def _check_comparable(first: Run, other: Run) -> None:
                 f"{other.file}: other {what}{shown}{stale} than {first.file}; "
                 "a report compares runs on the same windows: test both on the same data, or report them apart"
             )
+    if first.variant == other.variant and first.data.get("input_hash") != other.data.get("input_hash"):
+        raise UserError(
+            f"{other.file}: other velocities (built again since, or another store) than {first.file}, though both read "
+            f"{first.variant}; run `envpred test` again for both"
+        )
     if not np.array_equal(first.horizon_s, other.horizon_s):
         missing = sorted(set(first.horizon_s) ^ set(other.horizon_s))
         raise UserError(f"{other.file}: other horizons than {first.file}; {missing} s are in one of them only")
