@@ -15,6 +15,10 @@ from torch import Tensor
 from envpred.mapping.geometry import GridSpec
 from envpred.mapping.particle_state import ParticleFilterParameters, ParticleState
 
+CERTAIN = 0.98  # mass that only a cell has which was seen free (or occupied) twice in a row
+FASTEST = 15.0  # m/s: how far from a vacated cell those that have left it are looked for
+FRONT_SPEED = 3.0  # m/s: faster particles at a front hand on their velocity in inverse proportion to it
+
 
 @dataclass(frozen=True)
 class DogmaGrid:
@@ -38,12 +42,14 @@ class Particles:
     Args:
         position: (2, M) in cells; that of particle k is `position[:, order[k]]`, as it is needed only once.
         order: (N,) int64.
+        cell: (N,) int32 number of the cell each is in, on the grid with its rim, ascending.
         velocity: (2, N) in m/s.
         count: ((H+2)(W+2),) int64, how many particles each cell of the grid with its rim holds.
     """
 
     position: Tensor
     order: Tensor
+    cell: Tensor
     velocity: Tensor
     count: Tensor
 
@@ -76,14 +82,18 @@ def step(
     if parameters.frame == "ground":
         # Particles from beyond the border are missing, so what has crept into the cells that enter is no prediction.
         occupied_predicted = occupied_predicted * shifted(torch.ones_like(occupied_predicted), shift)
-    free_predicted = predict_free(shifted(state.mass[1], shift), occupied_predicted, parameters)
-    mass = combine(occupied_predicted, free_predicted, measured)
+    before = torch.stack([shifted(mass, shift) for mass in state.mass])
+    mass = combine(occupied_predicted, predict_free(before[1], occupied_predicted, parameters), measured)
     born, persisting = split_occupied(mass[0], occupied_predicted, parameters)
 
+    if parameters.adoption:
+        adopt(persistent, before, measured, parameters, grid, generator)
     newborn = give_birth(born, parameters, generator)
     # (69)-(73) without a velocity measurement: the particles of a cell share rho_p equally; likewise (74)-(80) rho_b.
     # Hence nothing is stored per particle: a cell's mass and count say what each of its particles weighs.
     velocity, covariance = moments(persistent, grid.cells)
+    if parameters.neighbourhood:
+        velocity, covariance = over_neighbours(velocity, covariance, persisting, parameters.neighbourhood)
     position, speed, weight = resample(persistent, persisting, newborn, born, generator)
     return (
         ParticleState(position, speed, weight, mass),
@@ -110,8 +120,9 @@ def predict(
 def sort_by_cell(position: Tensor, velocity: Tensor, cells: int) -> Particles:
     """The particles at `position` with `velocity` (2, N) in the order of the cells they are in."""
     number = cell_number(position, cells)
-    order = torch.sort(number, stable=True).indices
-    return Particles(position, order, select(velocity, order), torch.bincount(number, minlength=(cells + 2) ** 2))
+    cell, order = torch.sort(number, stable=True)
+    count = torch.bincount(number, minlength=(cells + 2) ** 2)
+    return Particles(position, order, cell.int(), select(velocity, order), count)
 
 
 def cell_number(position: Tensor, cells: int) -> Tensor:
@@ -150,6 +161,64 @@ def split_occupied(
     return born, occupied - born
 
 
+def adopt(
+    particles: Particles,
+    before: Tensor,
+    measured: Tensor,
+    parameters: ParticleFilterParameters,
+    grid: GridSpec,
+    generator: torch.Generator,
+) -> None:
+    """Hand the velocity of particles that explain how an occupied patch has moved to others nearby, in place.
+
+    Not in the paper, where cells are independent: inside a large body every velocity survives that does not leave it
+    for long, so its cells forget slowly what they were born with, slow ones towards the rear and fast ones towards the
+    front.  But a body is rigid, and its borders tell its velocity: givers are the particles that have come from an
+    occupied cell into one that was free (a front), or have left one that is free now (a rear) for an occupied one.
+
+    Args:
+        particles: the persistent particles; velocities are changed.
+        before: (2, H, W) masses of the frame before, on the present grid.
+        measured: (2, H, W) measured masses.
+        parameters: `adoption` and `adoption_reach` count.
+        grid: cells and resolution.
+        generator: source of randomness.
+    """
+    width, device = grid.cells + 2, measured.device
+    was_occupied, is_occupied = before[0] > 0.5, measured[0] > 0.5
+    # A cell that flickers says nothing.
+    taken, vacated = is_occupied & (before[1] > CERTAIN), (measured[1] > 0.5) & (before[0] > CERTAIN)
+    steps = round(FASTEST * parameters.period / grid.resolution)
+    near = box_sum(vacated[None].float(), steps)[0] > 0
+    candidate = with_rim(taken | (is_occupied & near))
+    giver = candidate.index_select(0, particles.cell).nonzero().squeeze(1)
+    order, cell = particles.order.index_select(0, giver), particles.cell.index_select(0, giver)
+    velocity = select(particles.velocity, giver)
+    origin = select(particles.position, order).sub_(velocity, alpha=parameters.period / grid.resolution)
+    origin = cell_number(origin, grid.cells).int()
+    front = with_rim(taken).index_select(0, cell) & with_rim(was_occupied).index_select(0, origin)
+    rear = with_rim(vacated).index_select(0, origin)
+    # More of the fast particles cross a border than of the slow; at a front, where the fast ones are, that adds up.
+    share = torch.where(front, FRONT_SPEED / velocity.square().sum(0).sqrt(), rear.float())
+
+    def tries(value: Tensor) -> Tensor:
+        return value.repeat(parameters.adoption)
+
+    u = torch.rand(4, parameters.adoption * len(giver), generator=generator, device=device)
+    gives = (u[0] < tries(share)).nonzero().squeeze(1)
+    u, giver = u.index_select(1, gives), gives % max(len(giver), 1)
+    reach = round(parameters.adoption_reach / grid.resolution)
+    offset = (u[1:3] * (2 * reach + 1)).int() - reach
+    cell = cell.index_select(0, giver)
+    i, j = torch.div(cell, width, rounding_mode="floor") + offset[0], cell % width + offset[1]
+    target = i.clamp_(0, width - 1) * width + j.clamp_(0, width - 1)
+    count, first = particles.count, particles.count.cumsum(0) - particles.count
+    count, first = count.index_select(0, target), first.index_select(0, target)
+    taker = first + (u[3] * count).long()
+    there = (count > 0).nonzero().squeeze(1)
+    particles.velocity[:, taker[there]] = velocity[:, giver[there]]
+
+
 def give_birth(born: Tensor, parameters: ParticleFilterParameters, generator: torch.Generator) -> Particles:
     """New particles (74)-(80): cells get them in proportion to `born` (H, W), anywhere in the cell, at any velocity."""
     N, width = parameters.births, born.shape[1] + 2
@@ -160,7 +229,7 @@ def give_birth(born: Tensor, parameters: ParticleFilterParameters, generator: to
     position = position + torch.rand(position.shape, generator=generator, device=born.device)
     velocity = normal(N, generator) * parameters.birth_velocity
     velocity *= torch.rand(N, generator=generator, device=born.device) >= parameters.birth_standing
-    return Particles(position, torch.arange(N, device=born.device), velocity, count)
+    return Particles(position, torch.arange(N, device=born.device), cell, velocity, count)
 
 
 def moments(particles: Particles, cells: int) -> tuple[Tensor, Tensor]:
@@ -176,6 +245,42 @@ def moments(particles: Particles, cells: int) -> tuple[Tensor, Tensor]:
     x, y = mean(x), mean(y)
     covariance = torch.stack(((xx - x * x).clamp_(min=0), xy - x * y, (yy - y * y).clamp_(min=0)))
     return torch.stack((x, y)).float(), covariance.float()
+
+
+def over_neighbours(velocity: Tensor, covariance: Tensor, weight: Tensor, cells: int) -> tuple[Tensor, Tensor]:
+    """Mean velocity (2, H, W) and covariance (3, H, W) of the particles within `cells` of each cell, itself included.
+
+    Args:
+        velocity: (2, H, W) means of the single cells.
+        covariance: (3, H, W) covariances of the single cells.
+        weight: (H, W) what the particles of each cell weigh together.
+        cells: how far, along either axis.
+    """
+    mixed = covariance + outer(velocity)  # second moments add up, covariances do not
+    sums = torch.cat((velocity, mixed, torch.ones_like(weight)[None])) * weight
+    sums = box_sum(sums, cells)
+    holds = (covariance[0] > 0) | (velocity[0] != 0)  # cells without particles stay without a velocity
+    sums = sums[:5] / sums[5].clamp(min=1e-6) * holds
+    mean = sums[:2]
+    spread = sums[2:] - outer(mean)
+    return mean, torch.stack((spread[0].clamp(min=0), spread[1], spread[2].clamp(min=0)))
+
+
+def box_sum(fields: Tensor, cells: int) -> Tensor:
+    """Sums of `fields` (C, H, W) over the square of cells within `cells` of each; cells outside the grid are 0."""
+    for axis in (1, 2):
+        length = fields.shape[axis]
+        padded = torch.nn.functional.pad(fields, (0, 0, cells, cells) if axis == 1 else (cells, cells))
+        fields = padded.narrow(axis, 0, length).clone()
+        for k in range(1, 2 * cells + 1):
+            fields.add_(padded.narrow(axis, k, length))
+    return fields
+
+
+def outer(velocity: Tensor) -> Tensor:
+    """Products (xx, xy, yy) of the components of `velocity` (2, H, W)."""
+    x, y = velocity
+    return torch.stack((x * x, x * y, y * y))
 
 
 def resample(
