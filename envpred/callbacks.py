@@ -8,6 +8,7 @@ import numpy as np
 import torch
 from lightning.pytorch import Callback, LightningModule, Trainer
 from lightning.pytorch.loggers import TensorBoardLogger
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from tensorboard.compat.proto.summary_pb2 import Summary
 from torch.utils.data import default_collate
@@ -16,6 +17,7 @@ from torch.utils.tensorboard import SummaryWriter
 from envpred import plots
 from envpred.models.forecaster import SHOWN_HORIZONS, Forecaster
 from envpred.results import RESULT, add_pictures
+from envpred.velocity_pictures import of_window
 
 Occupancy = NDArray[np.float32]
 
@@ -45,10 +47,12 @@ class Pictures(Callback):
         self._draw_reference(trainer, logger)
         if trainer.current_epoch % self.every_n_epochs:
             return
-        for place, (occupancy, forecast, where) in enumerate(self._windows(pl_module, "val")):
+        for place, (occupancy, forecast, where, velocity) in enumerate(self._windows(pl_module, "val")):
             title = f"{where}, epoch {trainer.current_epoch}"
             strip = plots.forecast_strip(occupancy[pl_module.given :], forecast, SHOWN_HORIZONS, title)
             logger.experiment.add_figure(f"window_{place}/forecast", strip, trainer.global_step)
+            if velocity is not None:
+                logger.experiment.add_figure(f"window_{place}/velocity", velocity, trainer.global_step)
             if place == 0:
                 self._animate(logger, occupancy, forecast, pl_module.given, trainer.global_step)
 
@@ -58,16 +62,18 @@ class Pictures(Callback):
         if folder is None or not trainer.is_global_zero or not isinstance(pl_module, Forecaster):
             return
         names: dict[str, str] = {}
-        for place, (occupancy, forecast, where) in enumerate(self._windows(pl_module, "test")):
+        for place, (occupancy, forecast, where, velocity) in enumerate(self._windows(pl_module, "test")):
             strip = plots.forecast_strip(occupancy[pl_module.given :], forecast, SHOWN_HORIZONS, where)
             plots.save(strip, Path(folder) / "pictures" / f"window_{place}.png")
             gif = plots.animation(occupancy, forecast, pl_module.given)
             (Path(folder) / "pictures" / f"window_{place}.gif").write_bytes(gif)
             names |= {f"window_{place}_{kind}": f"pictures/window_{place}.{kind}" for kind in ("png", "gif")}
+            if velocity is not None:
+                plots.save(velocity, Path(folder) / "pictures" / f"window_{place}_velocity.png")
         add_pictures(Path(folder) / RESULT, names)
 
-    def _windows(self, model: Forecaster, part: str) -> Iterator[tuple[Occupancy, Occupancy, str]]:
-        """Occupancy (T, H, W), forecast (T - given, H, W) and whereabouts of the fixed windows of `part`."""
+    def _windows(self, model: Forecaster, part: str) -> Iterator[tuple[Occupancy, Occupancy, str, Figure | None]]:
+        """Occupancy (T, H, W), forecast (T - given, H, W), whereabouts and velocities of fixed windows of `part`."""
         data = model.dataset.datasets[part]
         for index in np.unique(np.linspace(0, len(data) - 1, self.windows).round().astype(int)):
             batch = default_collate([data[int(index)]])
@@ -75,7 +81,7 @@ class Pictures(Callback):
             with torch.no_grad():
                 forecast = model.forecast(moved, model.given)[0].float().cpu().numpy()
             where = f"{batch['drive'][0]}, frames from {int(batch['start'][0])}"
-            yield batch["occupancy"][0].numpy(), forecast, where
+            yield batch["occupancy"][0].numpy(), forecast, where, of_window(model, moved, where)
 
     def on_train_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
         logger = _tensorboard(trainer)

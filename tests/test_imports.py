@@ -24,6 +24,7 @@ ALLOWED = {
     "store": {"store", "errors", "__version__"},
     "datamodules": {"datamodules", "store", "mapping", "errors"},
     "plots": {"mapping", "movers", "results"},
+    "velocity_pictures": {"mapping", "plots", "results", "store", "models", "datamodules"},  # the last two for types
     "results": {"models", "__version__"},  # names alone, for types
     "build": {"drives", "executors", "mapping", "store", "errors"},
     "executors": {"drives", "errors"},

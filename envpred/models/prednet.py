@@ -94,9 +94,13 @@ class PredNetForecaster(Forecaster):
         return "t1" if training and self.trainer.current_epoch < self.hparams["t1_epochs"] else "t5"
 
     def forecast(self, batch: WindowBatch, given: int = 5) -> Tensor:
+        return self.view.probability(self.forecast_frames(batch, given)).clamp(0, 1)
+
+    def forecast_frames(self, batch: WindowBatch, given: int = 5) -> Tensor:
+        """All channels (B, T - given, C, H, W) of the frames after the first `given`."""
         frames = batch["frames"]
-        predictions = self.network(frames[:, :given], given=given, steps=frames.shape[1])
-        return self.view.probability(predictions[:, given:]).clamp(0, 1)
+        predictions: Tensor = self.network(frames[:, :given], given=given, steps=frames.shape[1])
+        return predictions[:, given:]
 
     def t1_loss(self, frames: Tensor) -> Tensor:
         """Error of the prediction of every frame but the first, all frames shown, weighed over layers."""
