@@ -143,7 +143,7 @@ def velocity_strip(
     axes = fig.subplots(len(rows), len(chosen) + 1, sharex=True, sharey=True, squeeze=False)
     fig.subplots_adjust(0.75 / width, 0.5 / height, 1 - 0.1 / width, 1 - 0.55 / height, 0.06, 0.06)
     for row, (name, (probability, velocity)) in enumerate(rows):
-        axes[row, 0].set_ylabel(f"{name}\nnorth (m)", fontsize=8)
+        axes[row, min(row, 1)].set_ylabel(f"{name}\nnorth (m)", fontsize=8)
         for ax, h in zip(axes[row, 1:], chosen, strict=True):
             draw_picture(ax, over_occupancy(probability[h - 1], velocity[h - 1]))
             if row == 0:
@@ -152,7 +152,6 @@ def velocity_strip(
     axes[0, 0].set_title("last frame shown", fontsize=9)
     draw_wheel(axes[0, 0], 0.36)
     for ax in axes[1:, 0]:
-        ax.set_ylabel("")
         ax.set_axis_off()
     for ax in axes[-1]:
         ax.set_xlabel("east (m)", fontsize=8)
