@@ -4,7 +4,7 @@ import io
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import PIL.Image
@@ -16,10 +16,12 @@ from torch.utils.data import default_collate
 from torch.utils.tensorboard import SummaryWriter
 
 from envpred import plots
+from envpred.datamodules import WindowBatch
 from envpred.forecast_pictures import forecast_strip, scene_animation, scene_strip
 from envpred.models.forecaster import Forecaster
 from envpred.results import RESULT, SHOWN_HORIZONS, add_pictures
 from envpred.scenes import Scene, write_scenes
+from envpred.velocity_pictures import of_window
 
 DRAWN = "drawn.npz"  # the forecasts of the windows that are drawn, beside the result
 FORECAST = "forecast"
@@ -55,10 +57,13 @@ class Pictures(Callback):
         if trainer.current_epoch % self.every_n_epochs:
             return
         step = trainer.global_step
-        for place, scene in enumerate(self._scenes(pl_module, "val").values()):
+        for place, (index, scene) in enumerate(self._scenes(pl_module, "val").items()):
             title = f"{scene.where}, epoch {trainer.current_epoch}"
             errors = forecast_strip(scene.target, scene.forecasts[FORECAST], SHOWN_HORIZONS, title)
             logger.experiment.add_figure(f"window_{place}/forecast", errors, step)
+            velocities = of_window(pl_module, _batch(pl_module, "val", index), title)
+            if velocities is not None:
+                logger.experiment.add_figure(f"window_{place}/velocity", velocities, step)
             if place == 0:
                 beside = replace(scene, forecasts=scene.forecasts | {"last frame": scene.static})
                 logger.experiment.add_figure("window_0/comparison", scene_strip(beside, title=title), step)
@@ -71,11 +76,14 @@ class Pictures(Callback):
             return
         names: dict[str, str] = {}
         scenes = self._scenes(pl_module, "test")
-        for place, scene in enumerate(scenes.values()):
+        for place, (index, scene) in enumerate(scenes.items()):
             strip = forecast_strip(scene.target, scene.forecasts[FORECAST], SHOWN_HORIZONS, scene.where)
             plots.save(strip, Path(folder) / "pictures" / f"window_{place}.png")
             (Path(folder) / "pictures" / f"window_{place}.gif").write_bytes(scene_animation(scene))
             names |= {f"window_{place}_{kind}": f"pictures/window_{place}.{kind}" for kind in ("png", "gif")}
+            velocities = of_window(pl_module, _batch(pl_module, "test", index), scene.where)
+            if velocities is not None:
+                plots.save(velocities, Path(folder) / "pictures" / f"window_{place}_velocity.png")
         write_scenes(Path(folder) / DRAWN, scenes)
         add_pictures(Path(folder) / RESULT, names, DRAWN)
 
@@ -84,17 +92,16 @@ class Pictures(Callback):
         data = model.dataset.datasets[part]
         scenes = {}
         for index in np.unique(np.linspace(0, len(data) - 1, self.windows).round().astype(int)).tolist():
-            place = data.places[index]
-            batch = default_collate([data[index]])
-            moved = model.transfer_batch_to_device(batch, model.device, 0)
+            place, batch = data.places[index], _batch(model, part, index)
             with torch.no_grad():
-                forecast = model.forecast(moved, model.given)[0].float().cpu().numpy()
+                forecast = model.forecast(batch, model.given)[0].float().cpu().numpy()
+            occupancy = batch["occupancy"][0].cpu().numpy()
             scenes[index] = Scene(
                 place.drive.name,
                 tuple(place.drive.frames[place.start : place.start + model.given]),
-                batch["occupancy"][0, : model.given].numpy(),
-                batch["occupancy"][0, model.given :].numpy(),
-                batch["centre_cell"][0].numpy(),
+                occupancy[: model.given],
+                occupancy[model.given :],
+                batch["centre_cell"][0].cpu().numpy(),
                 {FORECAST: forecast},
             )
         return scenes
@@ -123,6 +130,12 @@ class Pictures(Callback):
         image = Summary.Image(height=height, width=width, colorspace=3, encoded_image_string=gif)
         summary = Summary(value=[Summary.Value(tag="window_0/animation", image=image)])
         logger.experiment._get_file_writer().add_summary(summary, step)
+
+
+def _batch(model: Forecaster, part: str, index: int) -> WindowBatch:
+    """A batch of one window of `part`, on the model's device."""
+    batch = default_collate([model.dataset.datasets[part][index]])
+    return cast(WindowBatch, model.transfer_batch_to_device(batch, model.device, 0))
 
 
 def _tensorboard(trainer: Trainer) -> TensorBoardLogger | None:

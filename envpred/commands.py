@@ -15,7 +15,7 @@ from envpred.mapping.evidence import EvidenceParameters
 from envpred.mapping.geometry import GridSpec
 from envpred.mapping.ground import GroundSegmenter, MarkovRandomField, RansacPlane
 from envpred.mapping.label_grid import RayCasting
-from envpred.store import Store
+from envpred.store import Store, StoredDrive
 
 if TYPE_CHECKING:  # it brings torch along, which only some commands need
     from envpred.mapping.dogma import DogmaParameters
@@ -120,18 +120,32 @@ def show(store: Path, out: Path, drive: str | None = None, frame: int = 0) -> No
     """
     from envpred import plots
 
-    drives = Store(store).drives
-    if not drives or (drive is not None and drive not in drives):
-        raise UserError(f"{store}: holds no drive {drive or ''}; it has {', '.join(drives) or 'none'}")
-    chosen = drives[drive or next(iter(drives))]
-    if not 0 <= frame < len(chosen.frames):
-        raise UserError(f"--frame {frame}: {chosen.name} has {len(chosen.frames)} frames, counted from 0")
+    chosen = _stored_drive(store, drive, frame)
     labels, mass = chosen.array("label"), chosen.array("evidence")
     if out.suffix == ".gif":
         out.write_bytes(plots.drive_animation(labels, mass))
         print(out)
     else:
         print(plots.save(plots.mapping_overview(np.array(labels[frame]), np.array(mass[frame], np.float32)), out))
+
+
+def velocity(store: Path, out: Path, drive: str | None = None, frame: int = 0) -> None:
+    """Draw the velocities of a drive over its label grids: one frame as a picture, or the whole drive as a .gif.
+
+    Args:
+        store: folder that `envpred grids --dogma true` wrote.
+        out: picture (.png, .pdf) of one frame, or animation (.gif) of all.
+        drive: name of the drive; by default the first.
+        frame: position of the frame in the drive.
+    """
+    from envpred import plots, velocity_pictures
+
+    chosen = _stored_drive(store, drive, frame)
+    if out.suffix == ".gif":
+        out.write_bytes(velocity_pictures.of_drive(chosen))
+        print(out)
+    else:
+        print(plots.save(velocity_pictures.of_frame(chosen, frame), out))
 
 
 def report(runs: list[Path], out: Path) -> None:
@@ -144,6 +158,17 @@ def report(runs: list[Path], out: Path) -> None:
     from envpred.report import report as write_report
 
     print(write_report(runs, out))
+
+
+def _stored_drive(store: Path, drive: str | None, frame: int) -> StoredDrive:
+    """The drive of that name, by default the first, which must have a frame at that position."""
+    drives = Store(store).drives
+    if not drives or (drive is not None and drive not in drives):
+        raise UserError(f"{store}: holds no drive {drive or ''}; it has {', '.join(drives) or 'none'}")
+    chosen = drives[drive or next(iter(drives))]
+    if not 0 <= frame < len(chosen.frames):
+        raise UserError(f"--frame {frame}: {chosen.name} has {len(chosen.frames)} frames, counted from 0")
+    return chosen
 
 
 def draw(
@@ -174,6 +199,7 @@ COMMANDS: dict[str, Callable[..., Any]] = {
     "verify": verify,
     "ground": ground,
     "show": show,
+    "velocity": velocity,
     "report": report,
     "draw": draw,
     "simulate": simulate,

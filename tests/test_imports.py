@@ -27,6 +27,7 @@ ALLOWED = {
     "scenes": {"movers", "errors"},
     "forecast_pictures": {"mapping", "movers", "plots", "results", "scenes"},
     "predictions": {"mapping", "scenes", "store", "errors"},
+    "velocity_pictures": {"mapping", "plots", "results", "store", "models", "datamodules"},  # the last two for types
     "results": {"models", "__version__"},  # names alone, for types
     "build": {"drives", "executors", "interrupts", "mapping", "store", "errors"},
     "executors": {"drives", "errors"},

@@ -28,6 +28,10 @@ class ParticleFilterParameters:
         birth_standing: share of the newborns that start with velocity 0 instead (the paper has none).
         position_noise: standard deviation of the process noise on the position, per axis and frame, in metres.
         velocity_noise: standard deviation of the process noise on the velocity, per axis and frame, in m/s.
+        adoption: to how many places nearby each particle at the border of a moving patch tries to hand its velocity,
+            see `particles.adopt` (the paper has none).
+        adoption_reach: how far away those places may be, along either axis, in metres.
+        neighbourhood: a cell's velocity is that of the particles within so many cells (the paper: its own alone).
         frame: what velocities are relative to.  "ego" (Itkina et al.): particles stay in the local grid and do not
             follow its shift, so a standing object moves with the negative velocity of the ego, in jumps of whole cells.
             "ground": particles follow the shift of the grid, so a standing object has velocity 0.  Cells that enter the
@@ -44,6 +48,9 @@ class ParticleFilterParameters:
     birth_standing: float = 0.0
     position_noise: float = 0.02
     velocity_noise: float = 0.8
+    adoption: int = 0
+    adoption_reach: float = 3.0
+    neighbourhood: int = 0
     frame: Literal["ego", "ground"] = "ego"
 
     def __post_init__(self) -> None:
@@ -55,11 +62,20 @@ class ParticleFilterParameters:
                 raise UserError(f"{name} of the particle filter must lie between 0 and 1, not {getattr(self, name)}")
         if not 0 <= self.birth_standing <= 1:
             raise UserError(f"birth_standing of the particle filter must lie in 0 ... 1, not {self.birth_standing}")
-        for name in ("birth_velocity", "position_noise", "velocity_noise"):
+        for name in (
+            "birth_velocity",
+            "position_noise",
+            "velocity_noise",
+            "adoption",
+            "adoption_reach",
+            "neighbourhood",
+        ):
             if not getattr(self, name) >= 0:
                 raise UserError(f"{name} of the particle filter must not be negative, not {getattr(self, name)}")
         if not self.period > 0:
             raise UserError(f"period of the particle filter must be positive, not {self.period} s")
+        if self.adoption and self.frame == "ego":
+            raise UserError("adoption of the particle filter needs --particles.filter.frame ground: others drift apart")
         if self.frame not in ("ego", "ground"):
             raise UserError(f"frame of the particle filter must be 'ego' or 'ground', not {self.frame!r}")
 
@@ -67,9 +83,17 @@ class ParticleFilterParameters:
 # For velocities relative to the ground, where most things stand and the others drive steadily.  The paper's process
 # noise (8 m/s^2) lets a particle forget its velocity within few frames; its narrow births pull fast objects towards 0;
 # slowly fading mass spends particles on places long out of sight.  A long wall says nothing about a velocity along it,
-# so some newborns that stand decide for what is likelier.
+# so some newborns that stand decide for what is likelier.  Velocities are handed on from the borders of what moves and
+# averaged over one metre, because cells inside a vehicle learn its velocity too slowly.
 GROUND = ParticleFilterParameters(
-    survival=0.9, birth=0.005, birth_velocity=10.0, birth_standing=0.05, velocity_noise=0.4, frame="ground"
+    survival=0.9,
+    birth=0.005,
+    birth_velocity=10.0,
+    birth_standing=0.05,
+    velocity_noise=0.4,
+    adoption=4,
+    neighbourhood=1,
+    frame="ground",
 )
 
 

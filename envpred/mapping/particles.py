@@ -7,12 +7,17 @@ on any device.  Particles are counted on the grid with a rim one cell wide, whic
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import torch
 from torch import Tensor
 
 from envpred.mapping.geometry import GridSpec
 from envpred.mapping.particle_state import ParticleFilterParameters, ParticleState
+
+CERTAIN = 0.98  # mass that only a cell has which was seen free (or occupied) twice in a row
+FASTEST = 15.0  # m/s: how far from a vacated cell those that have left it are looked for
+FRONT_SPEED = 3.0  # m/s: faster particles at a front hand on their velocity in inverse proportion to it
 
 
 @dataclass(frozen=True)
@@ -35,12 +40,16 @@ class Particles:
     """Particles in the order of their cells.
 
     Args:
-        position: (2, N) in cells.
+        position: (2, M) in cells; that of particle k is `position[:, order[k]]`, as it is needed only once.
+        order: (N,) int64.
+        cell: (N,) int32 number of the cell each is in, on the grid with its rim, ascending.
         velocity: (2, N) in m/s.
         count: ((H+2)(W+2),) int64, how many particles each cell of the grid with its rim holds.
     """
 
     position: Tensor
+    order: Tensor
+    cell: Tensor
     velocity: Tensor
     count: Tensor
 
@@ -73,14 +82,18 @@ def step(
     if parameters.frame == "ground":
         # Particles from beyond the border are missing, so what has crept into the cells that enter is no prediction.
         occupied_predicted = occupied_predicted * shifted(torch.ones_like(occupied_predicted), shift)
-    free_predicted = predict_free(shifted(state.mass[1], shift), occupied_predicted, parameters)
-    mass = combine(occupied_predicted, free_predicted, measured)
+    before = torch.stack([shifted(mass, shift) for mass in state.mass])
+    mass = combine(occupied_predicted, predict_free(before[1], occupied_predicted, parameters), measured)
     born, persisting = split_occupied(mass[0], occupied_predicted, parameters)
 
+    if parameters.adoption:
+        adopt(persistent, before, measured, parameters, grid, generator)
     newborn = give_birth(born, parameters, generator)
     # (69)-(73) without a velocity measurement: the particles of a cell share rho_p equally; likewise (74)-(80) rho_b.
     # Hence nothing is stored per particle: a cell's mass and count say what each of its particles weighs.
     velocity, covariance = moments(persistent, grid.cells)
+    if parameters.neighbourhood:
+        velocity, covariance = over_neighbours(velocity, covariance, persisting, parameters.neighbourhood)
     position, speed, weight = resample(persistent, persisting, newborn, born, generator)
     return (
         ParticleState(position, speed, weight, mass),
@@ -96,29 +109,28 @@ def predict(
     generator: torch.Generator,
 ) -> tuple[Tensor, Tensor]:
     """Positions and velocities (2, N) one period later, with constant velocity and process noise (14)."""
-    noise = torch.randn(4, state.position.shape[1], generator=generator, device=state.position.device)
+    N = state.position.shape[1]
     position = state.position.add(state.velocity, alpha=parameters.period / grid.resolution)
-    position.add_(noise[:2], alpha=parameters.position_noise / grid.resolution)
+    position.add_(normal(N, generator), alpha=parameters.position_noise / grid.resolution)
     if parameters.frame == "ground":
         position.sub_(position.new_tensor(shift)[:, None])
-    velocity = state.velocity.add(noise[2:], alpha=parameters.velocity_noise)
-    return position, velocity
+    return position, state.velocity.add(normal(N, generator), alpha=parameters.velocity_noise)
 
 
 def sort_by_cell(position: Tensor, velocity: Tensor, cells: int) -> Particles:
     """The particles at `position` with `velocity` (2, N) in the order of the cells they are in."""
     number = cell_number(position, cells)
-    order = torch.sort(number, stable=True).indices
+    cell, order = torch.sort(number, stable=True)
     count = torch.bincount(number, minlength=(cells + 2) ** 2)
-    return Particles(position.index_select(1, order), velocity.index_select(1, order), count)
+    return Particles(position, order, cell.int(), select(velocity, order), count)
 
 
 def cell_number(position: Tensor, cells: int) -> Tensor:
     """Number (N,) of the cell of each `position` (2, N), in the grid with its rim."""
-    i, j = position.floor().clamp_(-1, cells).add_(1)
     small = (cells + 2) ** 2 < 2**15  # short keys sort faster
-    number: Tensor = i * (cells + 2) + j
-    return number.to(torch.int16 if small else torch.int32)
+    i, j = (position + 1).clamp_(0, cells + 1).to(torch.int16 if small else torch.int32)
+    number: Tensor = i.mul_(cells + 2).add_(j)
+    return number
 
 
 def predict_occupied(count: Tensor, weight: Tensor, parameters: ParticleFilterParameters) -> Tensor:
@@ -149,32 +161,126 @@ def split_occupied(
     return born, occupied - born
 
 
+def adopt(
+    particles: Particles,
+    before: Tensor,
+    measured: Tensor,
+    parameters: ParticleFilterParameters,
+    grid: GridSpec,
+    generator: torch.Generator,
+) -> None:
+    """Hand the velocity of particles that explain how an occupied patch has moved to others nearby, in place.
+
+    Not in the paper, where cells are independent: inside a large body every velocity survives that does not leave it
+    for long, so its cells forget slowly what they were born with, slow ones towards the rear and fast ones towards the
+    front.  But a body is rigid, and its borders tell its velocity: givers are the particles that have come from an
+    occupied cell into one that was free (a front), or have left one that is free now (a rear) for an occupied one.
+
+    Args:
+        particles: the persistent particles; velocities are changed.
+        before: (2, H, W) masses of the frame before, on the present grid.
+        measured: (2, H, W) measured masses.
+        parameters: `adoption` and `adoption_reach` count.
+        grid: cells and resolution.
+        generator: source of randomness.
+    """
+    width, device = grid.cells + 2, measured.device
+    was_occupied, is_occupied = before[0] > 0.5, measured[0] > 0.5
+    # A cell that flickers says nothing.
+    taken, vacated = is_occupied & (before[1] > CERTAIN), (measured[1] > 0.5) & (before[0] > CERTAIN)
+    steps = round(FASTEST * parameters.period / grid.resolution)
+    near = box_sum(vacated[None].float(), steps)[0] > 0
+    candidate = with_rim(taken | (is_occupied & near))
+    giver = candidate.index_select(0, particles.cell).nonzero().squeeze(1)
+    order, cell = particles.order.index_select(0, giver), particles.cell.index_select(0, giver)
+    velocity = select(particles.velocity, giver)
+    origin = select(particles.position, order).sub_(velocity, alpha=parameters.period / grid.resolution)
+    origin = cell_number(origin, grid.cells).int()
+    front = with_rim(taken).index_select(0, cell) & with_rim(was_occupied).index_select(0, origin)
+    rear = with_rim(vacated).index_select(0, origin)
+    # More of the fast particles cross a border than of the slow; at a front, where the fast ones are, that adds up.
+    share = torch.where(front, FRONT_SPEED / velocity.square().sum(0).sqrt(), rear.float())
+
+    def tries(value: Tensor) -> Tensor:
+        return value.repeat(parameters.adoption)
+
+    u = torch.rand(4, parameters.adoption * len(giver), generator=generator, device=device)
+    gives = (u[0] < tries(share)).nonzero().squeeze(1)
+    u, giver = u.index_select(1, gives), gives % max(len(giver), 1)
+    reach = round(parameters.adoption_reach / grid.resolution)
+    offset = (u[1:3] * (2 * reach + 1)).int() - reach
+    cell = cell.index_select(0, giver)
+    i, j = torch.div(cell, width, rounding_mode="floor") + offset[0], cell % width + offset[1]
+    target = i.clamp_(0, width - 1) * width + j.clamp_(0, width - 1)
+    count, first = particles.count, particles.count.cumsum(0) - particles.count
+    count, first = count.index_select(0, target), first.index_select(0, target)
+    taker = first + (u[3] * count).long()
+    there = (count > 0).nonzero().squeeze(1)
+    particles.velocity[:, taker[there]] = velocity[:, giver[there]]
+
+
 def give_birth(born: Tensor, parameters: ParticleFilterParameters, generator: torch.Generator) -> Particles:
     """New particles (74)-(80): cells get them in proportion to `born` (H, W), anywhere in the cell, at any velocity."""
-    share = with_rim(born)
-    count = apportion(share, torch.ones_like(share), parameters.births, generator)
-    number = torch.repeat_interleave(count, output_size=parameters.births)
-    width = born.shape[1] + 2
-    corner = torch.stack((torch.div(number, width, rounding_mode="floor"), number % width)) - 1
-    position = corner + torch.rand(corner.shape, generator=generator, device=born.device)
-    velocity = torch.randn(corner.shape, generator=generator, device=born.device) * parameters.birth_velocity
-    velocity *= torch.rand(corner.shape[1], generator=generator, device=born.device) >= parameters.birth_standing
-    return Particles(position, velocity, count)
+    N, width = parameters.births, born.shape[1] + 2
+    share = with_rim(born).double()
+    count = apportion(torch.where(share.sum() > 0, share, 1), N, generator)
+    cell = torch.repeat_interleave(count, output_size=N).int()
+    position = torch.stack((torch.div(cell, width, rounding_mode="floor"), cell % width)) - 1
+    position = position + torch.rand(position.shape, generator=generator, device=born.device)
+    velocity = normal(N, generator) * parameters.birth_velocity
+    velocity *= torch.rand(N, generator=generator, device=born.device) >= parameters.birth_standing
+    return Particles(position, torch.arange(N, device=born.device), cell, velocity, count)
 
 
 def moments(particles: Particles, cells: int) -> tuple[Tensor, Tensor]:
     """Mean velocity (2, H, W) and covariance (3, H, W) of the particles of each cell, which weigh the same."""
     last = particles.count.cumsum(0) - 1
-    x, y = particles.velocity
+    x, y = particles.velocity.double()  # differences of sums over all particles follow
 
     def mean(value: Tensor) -> Tensor:
-        # In double precision, as differences of sums over all particles follow.
-        until = value.cumsum(0, dtype=torch.float64).index_select(0, last.clamp(min=0)) * (last >= 0)
+        until = value.cumsum_(0).index_select(0, last.clamp(min=0)) * (last >= 0)
         return without_rim(until.diff(prepend=until.new_zeros(1)) / particles.count.clamp(min=1), cells)
 
-    mean_x, mean_y = mean(x), mean(y)
-    xx, xy, yy = mean(x * x) - mean_x * mean_x, mean(x * y) - mean_x * mean_y, mean(y * y) - mean_y * mean_y
-    return torch.stack((mean_x, mean_y)).float(), torch.stack((xx.clamp(min=0), xy, yy.clamp(min=0))).float()
+    xx, xy, yy = mean(x * x), mean(x * y), mean(y * y)
+    x, y = mean(x), mean(y)
+    covariance = torch.stack(((xx - x * x).clamp_(min=0), xy - x * y, (yy - y * y).clamp_(min=0)))
+    return torch.stack((x, y)).float(), covariance.float()
+
+
+def over_neighbours(velocity: Tensor, covariance: Tensor, weight: Tensor, cells: int) -> tuple[Tensor, Tensor]:
+    """Mean velocity (2, H, W) and covariance (3, H, W) of the particles within `cells` of each cell, itself included.
+
+    Args:
+        velocity: (2, H, W) means of the single cells.
+        covariance: (3, H, W) covariances of the single cells.
+        weight: (H, W) what the particles of each cell weigh together.
+        cells: how far, along either axis.
+    """
+    mixed = covariance + outer(velocity)  # second moments add up, covariances do not
+    sums = torch.cat((velocity, mixed, torch.ones_like(weight)[None])) * weight
+    sums = box_sum(sums, cells)
+    holds = (covariance[0] > 0) | (velocity[0] != 0)  # cells without particles stay without a velocity
+    sums = sums[:5] / sums[5].clamp(min=1e-6) * holds
+    mean = sums[:2]
+    spread = sums[2:] - outer(mean)
+    return mean, torch.stack((spread[0].clamp(min=0), spread[1], spread[2].clamp(min=0)))
+
+
+def box_sum(fields: Tensor, cells: int) -> Tensor:
+    """Sums of `fields` (C, H, W) over the square of cells within `cells` of each; cells outside the grid are 0."""
+    for axis in (1, 2):
+        length = fields.shape[axis]
+        padded = torch.nn.functional.pad(fields, (0, 0, cells, cells) if axis == 1 else (cells, cells))
+        fields = padded.narrow(axis, 0, length).clone()
+        for k in range(1, 2 * cells + 1):
+            fields.add_(padded.narrow(axis, k, length))
+    return fields
+
+
+def outer(velocity: Tensor) -> Tensor:
+    """Products (xx, xy, yy) of the components of `velocity` (2, H, W)."""
+    x, y = velocity
+    return torch.stack((x * x, x * y, y * y))
 
 
 def resample(
@@ -182,34 +288,57 @@ def resample(
 ) -> tuple[Tensor, Tensor, Tensor]:
     """Positions and velocities (2, N) drawn from persistent and newborn particles, and the weight () that each has.
 
-    Systematic in two stages: cells get children in proportion to their mass, then the children of a cell are spread
-    evenly over its particles, which weigh the same.
+    Systematic sampling in the order of the cells: each cell gets children in proportion to its mass, to within one,
+    evenly from its particles.
     """
-    N = persistent.position.shape[1]
+    N, births = persistent.velocity.shape[1], newborn.velocity.shape[1]
     count = torch.cat((persistent.count, newborn.count))
-    share = torch.cat((with_rim(persisting), with_rim(born))) * (count > 0)  # what no particle carries cannot be drawn
-    children = apportion(share, count, N, generator)
-
-    group = torch.repeat_interleave(children, output_size=N)
-    # Child r of a cell's n takes the particle at (r + u) k / n of its k; 0.999 keeps rounding inside the cell.
-    stride = count / children.clamp(min=1).double()
-    u = 0.999 * torch.rand(stride.shape, generator=generator, device=share.device, dtype=stride.dtype)
-    start = (count.cumsum(0) - count) + (u - (children.cumsum(0) - children)) * stride
-    child = torch.arange(N, device=share.device)
-    parent = (child * stride.index_select(0, group) + start.index_select(0, group)).long()
-    position = torch.cat((persistent.position, newborn.position), 1).index_select(1, parent)
-    velocity = torch.cat((persistent.velocity, newborn.velocity), 1).index_select(1, parent)
-    return position, velocity, (share.sum(dtype=torch.float64) / N).float()
+    mass = torch.cat((with_rim(persisting), with_rim(born))).double()
+    total = torch.where(count > 0, mass, 0).sum()  # what no particle carries cannot be drawn
+    share = torch.where(total > 0, mass / count.clamp(min=1), 1)
+    children = apportion(torch.repeat_interleave(share, count, output_size=N + births), N, generator)
+    parent = torch.repeat_interleave(children, output_size=N)
+    velocity = select(torch.cat((persistent.velocity, newborn.velocity), 1), parent)
+    parent = torch.cat((persistent.order, newborn.order + N)).index_select(0, parent)
+    position = select(torch.cat((persistent.position, newborn.position), 1), parent)
+    return position, velocity, (total / N).float()
 
 
-def apportion(share: Tensor, fallback: Tensor, total: int, generator: torch.Generator) -> Tensor:
-    """How many (M,) int64 of `total` each of M parties gets, in proportion to `share`, by systematic sampling.
-
-    Where all shares are 0, `fallback` takes their place.
-    """
-    sums = torch.where(share.sum() > 0, share, fallback).double().cumsum(0)
+def apportion(share: Tensor, total: int, generator: torch.Generator) -> Tensor:
+    """How many (M,) int64 of `total` each of M parties gets, in proportion to `share` (M,) float64, systematically."""
     u = torch.rand((), generator=generator, device=share.device, dtype=torch.float64)
-    return torch.floor(sums / sums[-1] * total + u).diff(prepend=sums.new_zeros(1)).long()
+    reached = share.cumsum(0)
+    reached.mul_(total / reached[-1]).add_(u)
+    counts = reached.int().clamp_(max=total)  # rounding may reach beyond the total
+    counts[-1] = total
+    return counts.diff(prepend=counts.new_zeros(1))
+
+
+def select(rows: Tensor, index: Tensor) -> Tensor:
+    """`rows[:, index]` (2, N), row by row, which a CPU does faster."""
+    out = rows.new_empty(len(rows), len(index))
+    for row, into in zip(rows, out, strict=True):
+        torch.index_select(row, 0, index, out=into)
+    return out
+
+
+def normal(count: int, generator: torch.Generator) -> Tensor:
+    """Standard normal numbers (2, count), on the generator's device, to be read only.
+
+    A stretch of a fixed table from a random place on: to draw every number anew is what a filter on a CPU would spend
+    most of its time on.  The numbers of one particle, and those of the particles of one cell, are independent of each
+    other all the same.
+    """
+    table = normal_table(max(2**20, 4 * count), generator.device)
+    start = int(torch.randint(len(table) - 2 * count, (), generator=generator, device=generator.device))
+    return table[start : start + 2 * count].view(2, count)
+
+
+@cache
+def normal_table(size: int, device: torch.device) -> Tensor:
+    """Independent standard normal numbers (size,), the same ones on every device."""
+    with torch.inference_mode(mode=False):
+        return torch.randn(size, generator=torch.Generator().manual_seed(0)).to(device)
 
 
 def with_rim(field: Tensor) -> Tensor:

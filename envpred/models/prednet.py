@@ -97,10 +97,14 @@ class PredNetForecaster(Forecaster):
         return "t1" if training and self.trainer.current_epoch < self.hparams["t1_epochs"] else "t5"
 
     def forecast(self, batch: WindowBatch, given: int = 5, horizons: int | None = None) -> Tensor:
+        return self.view.probability(self.forecast_frames(batch, given, horizons)).clamp(0, 1)
+
+    def forecast_frames(self, batch: WindowBatch, given: int = 5, horizons: int | None = None) -> Tensor:
+        """All channels (B, horizons, C, H, W) of the frames after the first `given`."""
         frames = batch["frames"]
         steps = frames.shape[1] if horizons is None else given + horizons
-        predictions = self.network(frames[:, :given], given=given, steps=steps)
-        return self.view.probability(predictions[:, given:]).clamp(0, 1)
+        predictions: Tensor = self.network(frames[:, :given], given=given, steps=steps)
+        return predictions[:, given:]
 
     def t1_loss(self, frames: Tensor) -> Tensor:
         """Error of the prediction of every frame but the first, all frames shown, weighed over layers."""

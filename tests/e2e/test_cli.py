@@ -164,6 +164,24 @@ def test_pictures_of_a_store(store: Path, tmp_path: Path) -> None:
         assert (tmp_path / name).stat().st_size > 1000
 
 
+def test_velocities_of_a_store(store: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for name in ("frame.png", "drive.gif"):
+        main(["velocity", "--store", str(store), "--drive", "b", "--out", str(tmp_path / name)])
+        assert (tmp_path / name).stat().st_size > 1000
+    plain = write_store(tmp_path / "plain", {"a": list(range(4))})
+    line = failure(["velocity", "--store", str(plain), "--out", str(tmp_path / "none.png")], capsys)
+    assert "--dogma true" in line
+    line = failure(["velocity", "--store", str(store), "--out", "none.png", "--frame", "40"], capsys)
+    assert "40 frames, counted from 0" in line
+
+
+def test_tensorboard_shows_velocities_of_dogma_variants(store: Path) -> None:
+    args = small(store, "--config", str(config("data/dst_dogma.yaml")), "--data.store", str(store))
+    main(["fit", *args, "--trainer.max_epochs=1"])
+    (run,) = Path("runs").rglob("version_0")
+    assert "window_0/velocity" in EventAccumulator(str(run)).Reload().Tags()["images"]
+
+
 def test_variants_without_velocities_name_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     plain = write_store(tmp_path / "plain", {"a": list(range(40)), "b": list(range(40))}, cells=32)
     line = failure(["fit", *small(plain, "--data.variant=dst_dogma")], capsys)

@@ -16,11 +16,15 @@ from envpred.mapping.particle_state import GROUND, ParticleFilterParameters, Par
 from envpred.mapping.particles import (
     DogmaGrid,
     Particles,
+    adopt,
     apportion,
+    box_sum,
     cell_number,
     combine,
     give_birth,
     moments,
+    normal,
+    over_neighbours,
     predict,
     predict_free,
     predict_occupied,
@@ -36,10 +40,13 @@ from envpred.mapping.particles import (
 Frame = Literal["ego", "ground"]
 PAPER = ParticleFilterParameters()
 PAPER_MODEL: dict[str, Any] = {
-    name: getattr(PAPER, name) for name in ("survival", "birth", "birth_velocity", "velocity_noise")
+    name: getattr(PAPER, name)
+    for name in ("survival", "birth", "birth_velocity", "velocity_noise", "adoption", "neighbourhood")
 }
 SMALL = replace(PAPER, persistent=300, births=40)
 TINY = GridSpec(cells=8)
+NOWHERE = torch.zeros(0, dtype=torch.int64)
+NOBODY = Particles(torch.zeros(2, 0), NOWHERE, NOWHERE.int(), torch.zeros(2, 0), torch.zeros(100, dtype=torch.int64))
 DEVICES = ["cpu", pytest.param("cuda", marks=pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA"))]
 
 
@@ -160,10 +167,10 @@ class TestSampling:
     @given(st.lists(st.floats(0, 10), min_size=1, max_size=30), st.integers(1, 200), st.integers(0, 99))
     @settings(max_examples=40, deadline=None)
     def test_apportion_is_fair_and_exact(self, share: list[float], total: int, seed: int) -> None:
-        parts = torch.tensor(share)
-        count = apportion(parts, torch.ones_like(parts), total, seeded(seed))
+        fair = torch.tensor(share, dtype=torch.float64)
+        fair[0] += 1e-9  # callers see to it that there is something to share
+        count = apportion(fair, total, seeded(seed))
         assert count.sum() == total
-        fair = parts.double() if parts.sum() > 0 else torch.ones(len(share), dtype=torch.float64)
         assert ((count - fair / fair.sum() * total).abs() < 1 + 1e-6).all()
 
     def test_children_come_from_their_own_cell_evenly(self) -> None:
@@ -172,8 +179,7 @@ class TestSampling:
         persistent = sort_by_cell(position, velocity, 8)
         persisting, born = torch.zeros(8, 8), torch.zeros(8, 8)
         persisting[1, 1], persisting[3, 3] = 0.5, 1.0
-        nobody = Particles(torch.zeros(2, 0), torch.zeros(2, 0), torch.zeros(100, dtype=torch.int64))
-        position, drawn, weight = resample(persistent, persisting, nobody, born, seeded())
+        position, drawn, weight = resample(persistent, persisting, NOBODY, born, seeded())
         assert weight.item() == pytest.approx(1.5 / 6)
         assert sorted(drawn[0].tolist())[2:] == [
             4,
@@ -183,6 +189,39 @@ class TestSampling:
         ]  # two of the first cell's four, each of the other's two twice
         assert len(set(drawn[0, :2].tolist())) == 2
         assert (position[0, :2] == 1.5).all()
+
+    def test_numbers_from_the_table_are_normal_and_new_every_time(self) -> None:
+        generator = seeded()
+        first, second = normal(50_000, generator), normal(50_000, generator)
+        for numbers in (first, second):
+            assert numbers.mean().abs() < 0.02
+            assert numbers.std().item() == pytest.approx(1, abs=0.02)
+            assert (numbers.abs() > 1.96).float().mean().item() == pytest.approx(0.05, abs=0.005)
+            assert torch.corrcoef(numbers)[0, 1].abs() < 0.02
+        assert torch.corrcoef(torch.stack((first[0], second[0])))[0, 1].abs() < 0.02
+
+    def test_a_particle_by_particle_filter_agrees(self) -> None:
+        """The simple version: one loop over children, one over cells."""
+        position, velocity = 8 * torch.rand(2, 400, generator=seeded(1)), torch.randn(2, 400, generator=seeded(2))
+        particles, persisting = sort_by_cell(position, velocity, 8), torch.rand(8, 8, generator=seeded(3))
+        mean, covariance = moments(particles, 8)
+        cell = position.floor().long()
+        share = persisting[cell[0], cell[1]].double()
+        for i, j in np.ndindex(8, 8):
+            inside = ((cell[0] == i) & (cell[1] == j)).numpy()
+            share[inside] /= max(inside.sum(), 1)
+            if inside.any():
+                own = velocity.numpy()[:, inside].astype(np.float64)
+                np.testing.assert_allclose(mean[:, i, j], own.mean(1), atol=1e-6)
+                np.testing.assert_allclose(covariance[:, i, j], np.cov(own, bias=True)[[0, 0, 1], [0, 1, 1]], atol=1e-5)
+        drawn, _, _ = resample(particles, persisting, NOBODY, torch.zeros(8, 8), seeded(4))
+        u = torch.rand((), generator=seeded(4), dtype=torch.float64).item()
+        order, reached, wanted = np.lexsort((cell[1], cell[0])), 0.0, []
+        for k in order:
+            before = np.floor(reached + u)
+            reached += share[k].item() / share.sum().item() * 400
+            wanted += [position[:, k].numpy()] * int(np.floor(reached + u) - before)
+        np.testing.assert_array_equal(drawn.T[: len(wanted)], np.array(wanted)[:400])
 
     def test_unbiased_over_seeds(self) -> None:
         velocity = torch.tensor([[0.0, 1.0, 2.0], [0.0, 0.0, 0.0]])
@@ -198,6 +237,58 @@ class TestSampling:
             parents += drawn[0, position[0] == 2.5].tolist()
         assert len(parents) == 300
         assert np.bincount(np.array(parents, int), minlength=3) == pytest.approx([100, 100, 100], abs=30)
+
+
+class TestNeighbours:
+    """What the paper has not: velocities that are handed on and averaged within a body."""
+
+    def test_box_sum_by_hand(self) -> None:
+        field = torch.zeros(2, 5, 6)
+        field[0, 1, 2], field[1, 4, 5] = 3.0, 2.0
+        sums = box_sum(field, 1)
+        assert sums[0].nonzero().tolist() == [[i, j] for i in (0, 1, 2) for j in (1, 2, 3)]
+        assert sums[0].max() == 3
+        assert sums[1].nonzero().tolist() == [[3, 4], [3, 5], [4, 4], [4, 5]]
+
+    def test_moments_of_neighbours_are_those_of_their_particles_together(self) -> None:
+        velocity = torch.randn(2, 60, generator=seeded(1))
+        position = torch.tensor([[2.5] * 20 + [3.5] * 40, [4.5] * 60])
+        mean, covariance = moments(sort_by_cell(position, velocity, 8), 8)
+        weight = torch.zeros(8, 8)
+        weight[2, 4], weight[3, 4] = 20, 40
+        mean, covariance = over_neighbours(mean, covariance, weight, 1)
+        for i in (2, 3):
+            np.testing.assert_allclose(mean[:, i, 4], velocity.mean(1), rtol=1e-4, atol=1e-5)
+            wanted = np.cov(velocity.numpy(), bias=True)
+            np.testing.assert_allclose(covariance[:, i, 4], wanted[[0, 0, 1], [0, 1, 1]], rtol=1e-4, atol=1e-5)
+        assert mean.count_nonzero() == 4  # cells without particles have no velocity
+
+    def adopting(self, occupied_before: list[int], measured_now: list[int]) -> torch.Tensor:
+        """Velocities east by cell (8,) of a row that was occupied in some cells and is now in others, after handing on.
+
+        Two kinds of particles: cells 1 to 4 hold standing ones, and cell 5 some that come from cell 4.
+        """
+        parameters = replace(SMALL, frame="ground", adoption=50, adoption_reach=1.0)
+        before, measured = torch.zeros(2, 8, 8), torch.zeros(2, 8, 8)
+        before[1], measured[1] = 0.99, 0.95
+        before[0, occupied_before, 3], measured[0, measured_now, 3] = 0.99, 0.95
+        before[1, occupied_before, 3], measured[1, measured_now, 3] = 0.0, 0.0
+        position = torch.tensor([[1.5, 2.5, 3.5, 4.5, 5.2] * 20, [3.5] * 100])
+        velocity = torch.tensor([[0.0, 0.0, 0.0, 0.0, 10 / 3] * 20, [0.0] * 100])
+        particles = sort_by_cell(position, velocity, 8)
+        adopt(particles, before, measured, parameters, TINY, seeded())
+        return moments(particles, 8)[0][0, :, 3]
+
+    def test_a_front_hands_its_velocity_on(self) -> None:
+        east = self.adopting([1, 2, 3, 4], [2, 3, 4, 5])
+        assert (east[2:5] > 0.5).all()
+        assert east[1] == 0  # further away than the reach
+
+    def test_what_has_not_moved_hands_nothing_on(self) -> None:
+        assert self.adopting([1, 2, 3, 4, 5], [1, 2, 3, 4, 5])[1:5].count_nonzero() == 0
+
+    def test_adoption_is_of_the_paper_only_if_asked_for(self) -> None:
+        assert PAPER.adoption == PAPER.neighbourhood == 0
 
 
 class TestInvariants:
@@ -222,9 +313,8 @@ class TestInvariants:
     def test_persistent_weights_of_a_cell_sum_to_rho_p(self) -> None:
         persisting = torch.rand(8, 8, generator=seeded(1))
         position = 8 * torch.rand(2, 5000, generator=seeded(2))
-        nobody = Particles(torch.zeros(2, 0), torch.zeros(2, 0), torch.zeros(100, dtype=torch.int64))
         particles = sort_by_cell(position, position, 8)
-        drawn, _, weight = resample(particles, persisting, nobody, torch.zeros(8, 8), seeded(3))
+        drawn, _, weight = resample(particles, persisting, NOBODY, torch.zeros(8, 8), seeded(3))
         count = without_rim(torch.bincount(cell_number(drawn, 8), minlength=100), 8)
         assert ((count * weight - persisting).abs() <= weight * (1 + 1e-4)).all()
 
@@ -291,9 +381,13 @@ class TestInvariants:
 
 
 def block_scene(
-    grid: GridSpec, frames: int, velocity: tuple[float, float], ego_cells: tuple[int, int] = (0, 0)
+    grid: GridSpec,
+    frames: int,
+    velocity: tuple[float, float],
+    ego_cells: tuple[int, int] = (0, 0),
+    length: float = 4.0,
 ) -> tuple[list[torch.Tensor], torch.Tensor]:
-    """A block of 2 m x 2 m in free space, moving relative to the ground, on a grid that moves by `ego_cells` a frame.
+    """A block of `length` x 2 m in free space, moving relative to the ground, on a grid that moves by `ego_cells`.
 
     Returns the measurements and the cells that the block covers in the last frame.
     """
@@ -304,7 +398,7 @@ def block_scene(
             centre - offset - v * PAPER.period * (t - frames + 1) + step_cells * grid.resolution * (t - frames + 1)
             for offset, v, step_cells in zip((3.0, -2.0), velocity, ego_cells, strict=True)
         ]
-        block = (where[0].abs()[:, None] <= 1) & (where[1].abs()[None, :] <= 1)
+        block = (where[0].abs()[:, None] <= length / 2) & (where[1].abs()[None, :] <= 1)
         grids.append(masses(block.float()))
     return grids, block
 
@@ -319,7 +413,7 @@ class TestScenes:
         _, dogma = follow(grids, parameters=self.parameters, grid=self.grid)[-1]
         mean = dogma.velocity[:, block].mean(1)
         assert torch.dist(mean, torch.tensor(velocity)) < 0.5
-        assert is_moving(dogma.velocity, dogma.covariance)[block].float().mean() > 0.7
+        assert is_moving(dogma.velocity, dogma.covariance)[block].float().mean() > 0.6
 
     def test_standing_block_stands(self) -> None:
         grids, block = block_scene(self.grid, 10, (0.0, 0.0))
@@ -330,8 +424,8 @@ class TestScenes:
     @pytest.mark.parametrize(("frame", "expected"), [("ground", (0.0, 0.0)), ("ego", (-10 / 3, 0.0))])
     def test_standing_block_and_moving_ego(self, frame: Frame, expected: tuple[float, float]) -> None:
         # One cell a frame is 10/3 m/s towards the east.
-        grids, block = block_scene(self.grid, 12, (0.0, 0.0), ego_cells=(1, 0))
-        _, dogma = follow(grids, (1, 0), replace(self.parameters, frame=frame), self.grid)[-1]
+        grids, block = block_scene(self.grid, 12, (0.0, 0.0), ego_cells=(1, 0), length=2.0)
+        _, dogma = follow(grids, (1, 0), replace(self.parameters, adoption=0, frame=frame), self.grid)[-1]
         assert torch.dist(dogma.velocity[:, block].mean(1), torch.tensor(expected)) < 0.5
 
     def test_parameters_of_the_paper_find_the_block_too(self) -> None:
@@ -363,6 +457,8 @@ class TestBadInput:
             ({"birth_standing": 2.0}, "birth_standing"),
             ({"period": 0.0}, "period"),
             ({"frame": "world"}, "'ego' or 'ground'"),
+            ({"adoption": 4}, "frame ground"),
+            ({"neighbourhood": -1}, "neighbourhood"),
         ],
     )
     def test_parameters(self, change: dict[str, Any], message: str) -> None:

@@ -1,0 +1,76 @@
+"""Pictures of velocities: colours by hand, and where things are drawn."""
+
+import io
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from envpred.mapping.geometry import EGO, FREE, OCCUPIED
+from envpred.store import Store
+from envpred.velocity_pictures import (
+    FASTEST,
+    colour_of,
+    of_drive,
+    of_frame,
+    over_labels,
+    over_occupancy,
+    velocity_strip,
+)
+from tests.stores import write_store
+
+
+def one(east: float, north: float) -> np.ndarray:
+    return np.asarray(colour_of(np.array([east, north]).reshape(2, 1, 1))[0, 0])
+
+
+@pytest.mark.parametrize(
+    ("east", "north", "colour"),
+    [(1, 0, (1, 0, 0)), (0, 1, (0.5, 1, 0)), (-1, 0, (0, 1, 1)), (0, -1, (0.5, 0, 1)), (0, 0, (0, 0, 0))],
+)
+def test_hue_is_the_direction(east: float, north: float, colour: tuple[float, float, float]) -> None:
+    np.testing.assert_allclose(one(FASTEST * east, FASTEST * north), colour, atol=1e-6)
+
+
+def test_brightness_is_the_speed() -> None:
+    brightness = [one(speed, 0)[0] for speed in (0.1, FASTEST / 2, FASTEST, 3 * FASTEST)]
+    np.testing.assert_allclose(brightness, [0.35, 0.675, 1, 1], atol=0.01)
+
+
+def test_only_occupied_cells_are_coloured() -> None:
+    labels = np.array([[0, OCCUPIED], [FREE, EGO]], np.uint8)
+    velocity = np.zeros((2, 2, 2))
+    velocity[0] = FASTEST
+    picture = over_labels(labels, velocity)
+    np.testing.assert_allclose(picture[0, 1], (1, 0, 0), atol=1e-6)
+    np.testing.assert_allclose(picture[1, 0], (1, 1, 1))
+    assert (picture[0, 0] == picture[0, 0, 0]).all()  # grey
+    assert (picture[1, 1] == picture[1, 1, 0]).all()
+    standing = over_labels(labels, 0 * velocity)
+    assert standing[0, 1].tolist() == [0, 0, 0]
+
+
+def test_occupancy_fades_to_white() -> None:
+    velocity = np.zeros((2, 1, 3))
+    velocity[0] = FASTEST
+    picture = over_occupancy(np.array([[0.0, 0.5, 1.0]]), velocity)
+    np.testing.assert_allclose(picture[0], [(1, 1, 1), (1, 0.5, 0.5), (1, 0, 0)], atol=1e-6)
+
+
+def test_pictures_of_a_stored_drive(tmp_path: Path) -> None:
+    drive = Store(write_store(tmp_path / "grids", {"a": list(range(5))}, dogma=True)).drives["a"]
+    (image,) = (image for image in of_frame(drive, 2).axes[0].images)
+    shown = np.asarray(image.get_array())  # rows are north, columns east
+    labels = np.array(drive.array("label")[2])
+    moving = (shown.min(-1) < 0.1) & (shown.max(-1) > 0.3)
+    np.testing.assert_array_equal(moving.T, labels == OCCUPIED)
+    animation = Image.open(io.BytesIO(of_drive(drive)))
+    assert animation.n_frames == 5  # type: ignore[attr-defined]
+
+
+def test_strip_has_a_row_for_the_forecast_if_there_is_one() -> None:
+    window = np.zeros((15, 8, 8)), np.zeros((15, 2, 8, 8))
+    last = window[0][0], window[1][0]
+    assert len(velocity_strip(last, window, None, (1, 5, 15)).axes) == 4
+    assert len(velocity_strip(last, window, window, (1, 5, 15)).axes) == 8
