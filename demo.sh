@@ -5,34 +5,51 @@ set -euo pipefail
 repository=$(cd "$(dirname "$0")" && pwd)
 mkdir -p "${DEMO:=demo}"
 if [ -n "${KITTI:-}" ]; then
-  source=$(cd "$KITTI" && pwd)
+  drives=$(cd "$KITTI" && pwd)
   cd "$DEMO"
 else
   cd "$DEMO"
-  source=drives
+  drives=drives
   [ -d drives ] || envpred simulate drives --drives 10 --frames 120 --seed 0
 fi
-grids=grids
-runs=runs
-envpred grids --source "$source" --store $grids --particle_forecast '[all]'
-quiet="--data.store $grids --trainer.enable_model_summary false"
+envpred grids --source "$drives" --store grids --particle_forecast '[all]'
+
 configs=$repository/configs
-common="--config $configs/data/dst_static.yaml $quiet"
-if [ ! -f $runs/prednet/dst_static/version_0/checkpoints/best.ckpt ]; then
-  # shellcheck disable=SC2086
-  envpred fit --config "$configs/model/prednet_small.yaml" $common
-fi
-# shellcheck disable=SC2086
-envpred test --config "$configs/model/prednet_small.yaml" $common --ckpt_path best
-for baseline in last_frame moved_last_frame moved_last_frame_oracle particle_forecast; do
-  # shellcheck disable=SC2086
-  envpred test --config "$configs/model/$baseline.yaml" $common
-done
+common=(--config "$configs/data/dst_static.yaml" --data.store grids --trainer.enable_model_summary false)
+
+fit() { # a model's configuration; goes on where it stopped, and does nothing if it is finished
+  local run=runs/${1%_*}/dst_static resume=()
+  [ -f "$run/finished" ] && return
+  [ -n "$(find "$run" -name last.ckpt 2>/dev/null)" ] && resume=(--ckpt_path last)
+  envpred fit --config "$configs/model/$1.yaml" "${common[@]}" "${resume[@]}"
+  touch "$run/finished"
+}
+evaluate() { # a model's configuration, options; its result is the newest in its folder
+  envpred test --config "$configs/model/$1.yaml" "${common[@]}" --trainer.enable_progress_bar false "${@:2}"
+}
+
+fit prednet_small
+fit fcn_small
+evaluate prednet_small --ckpt_path best
+evaluate fcn_small --ckpt_path best
+# The baselines compute little, so two at a time, a core each.
+export OMP_NUM_THREADS=1
+evaluate last_frame & one=$!
+evaluate moved_last_frame
+wait $one
+evaluate moved_last_frame_oracle & one=$!
+evaluate particle_forecast
+wait $one
+
 results=()
-for model in prednet last_frame moved_last_frame moved_last_frame_oracle particle_forecast; do
-  results+=("$(find $runs/$model -name result.json | sort -V | tail -1)")
+for model in prednet fcn last_frame moved_last_frame moved_last_frame_oracle particle_forecast; do
+  results+=("$(find runs/$model -name result.json | sort -V | tail -1)")
 done
 envpred report "${results[@]}" --out report
 cat report/methods.md
-echo "tables, curves and pictures: $DEMO/report/report.html"
-echo "the training: tensorboard --logdir $DEMO/$runs"
+cat <<END
+
+report, with curves, picture strips and animations: $DEMO/report/report.html
+error curve:                                        $DEMO/report/error.png
+the training:                                       tensorboard --logdir $DEMO/runs
+END

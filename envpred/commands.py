@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from envpred.build import MappingParameters, build
-from envpred.drives import Drive, find_drives
+from envpred.drives import one_drive
+from envpred.drives.simulate.commands import realism, record, scan, simulate, traffic
 from envpred.errors import UserError
 from envpred.interrupts import ends_at_once
 from envpred.mapping.evidence import EvidenceParameters
@@ -99,7 +100,7 @@ def ground(source: Path, out: Path, drive: str | None = None, frame: int | None 
     """
     from envpred import plots
 
-    chosen = _one_drive(source, drive)
+    chosen = one_drive(source, drive)
     if frame is not None and frame not in chosen.frames:
         raise UserError(f"{chosen.name} has no frame {frame}; it has {chosen.frames[0]} to {chosen.frames[-1]}")
     points = chosen.scan(chosen.frames[0] if frame is None else frame)
@@ -145,36 +146,6 @@ def report(runs: list[Path], out: Path) -> None:
     print(write_report(runs, out))
 
 
-def _one_drive(source: Path, name: str | None) -> Drive:
-    found = {drive.name: drive for drive in find_drives(source)}
-    if name is not None and name not in found:
-        raise UserError(f"{source}: no drive named {name}; it has {', '.join(found)}")
-    return found[name or next(iter(found))]
-
-
-def simulate(
-    out: Path,
-    drives: int = 10,
-    frames: int = 150,
-    seed: int = 0,
-    workers: int | None = None,
-    recording: Path | None = None,
-) -> None:
-    """Write simulated drives with known truth in KITTI raw's layout.
-
-    Args:
-        out: folder that is not there yet, or is empty.
-        drives: how many.
-        frames: scans of each, ten a second.
-        seed: of egos, times, scenery and noise; same seed, same drives.
-        workers: local processes; by default one a core.
-        recording: traffic recorded with SUMO; by default the one that comes with envpred.
-    """
-    from envpred.drives.simulate import simulate as write_drives
-
-    write_drives(out, drives, frames, seed, workers, recording)
-
-
 COMMANDS: dict[str, Callable[..., Any]] = {
     "grids": grids,
     "verify": verify,
@@ -182,7 +153,15 @@ COMMANDS: dict[str, Callable[..., Any]] = {
     "show": show,
     "report": report,
     "simulate": simulate,
+    "realism": realism,
+    "record": record,
+    "scan": scan,
+    "traffic": traffic,
 }
 
 # Arguments that are given without a name: command -> (argument, how many).
-POSITIONAL: dict[str, tuple[str, str | None]] = {"report": ("runs", "+"), "simulate": ("out", None)}
+POSITIONAL: dict[str, tuple[str, str | None]] = {
+    "report": ("runs", "+"),
+    "simulate": ("out", None),
+    "record": ("out", None),
+}

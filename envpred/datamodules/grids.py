@@ -41,6 +41,8 @@ class GridDataModule(LightningDataModule):
         val_windows: validation windows at most, spread evenly over the validation drives.
         batch_size: windows in a batch.
         augment: turn and mirror training windows at random.
+        crop: train on random squares of so many cells a side, cut out of the windows: a network of convolutions alone
+            learns the same from them, in a share of the time.  Validation and test see whole grids.
         num_workers: processes that read ahead; reading a window takes a millisecond or two, so none is usually best.
         seed: of the random windows.
     """
@@ -59,6 +61,7 @@ class GridDataModule(LightningDataModule):
         val_windows: int = 100,
         batch_size: int = 1,
         augment: bool = False,
+        crop: int | None = None,
         num_workers: int = 0,
         seed: int = 0,
     ) -> None:
@@ -71,6 +74,7 @@ class GridDataModule(LightningDataModule):
         self.selections = {"train": train, "val": val, "test": test}
         self.length, self.given, self.samples, self.val_windows = length, given, samples, val_windows
         self.batch_size, self.augment, self.num_workers, self.seed = batch_size, augment, num_workers, seed
+        self.crop = crop
         self.view = variant_of(variant)
         self.stretches: dict[str, list[Stretch]] = {}
         self.datasets: dict[str, WindowDataset] = {}
@@ -79,12 +83,15 @@ class GridDataModule(LightningDataModule):
         """Find the windows that a stage needs; refuse what does not fit before anything runs."""
         if not self.stretches:
             self.stretches = self._split(self._usable_drives())
+        if self.crop is not None and not 1 <= self.crop <= self.cells:
+            raise UserError(f"--data.crop {self.crop}: the grids have {self.cells} cells a side; give at most so many")
         needed = {"fit": ("train", "val"), "validate": ("val",), "test": ("test",), "predict": ("test",)}[stage]
         for part in needed:
             if part not in self.datasets:
                 extra = self._extra()
+                crop = self.crop if part == "train" else None
                 self.datasets[part] = WindowDataset(
-                    self._places(part, extra), self.view, self.length, self.given, extra
+                    self._places(part, extra), self.view, self.length, self.given, extra, crop
                 )
                 names = [str(stretch) for stretch in self.stretches[part]]
                 drives = ", ".join(names) if len(names) <= 8 else f"{len(names)} drives, {names[0]} to {names[-1]}"
@@ -92,7 +99,8 @@ class GridDataModule(LightningDataModule):
 
     def train_dataloader(self) -> DataLoader[Window]:
         data = self.datasets["train"]
-        sampler = RandomWindows(len(data), self.samples, self.seed, self.augment, self._epoch)
+        spare = 0 if self.crop is None else self.cells - self.crop
+        sampler = RandomWindows(len(data), self.samples, self.seed, self.augment, self._epoch, spare)
         return self._loader(data, sampler=sampler, drop_last=self.samples >= self.batch_size)
 
     def val_dataloader(self) -> DataLoader[Window]:

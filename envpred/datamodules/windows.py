@@ -52,23 +52,39 @@ class Place:
     start: int
 
 
-class WindowDataset(Dataset[Window]):
-    """The windows at `places`, each read from the disk when it is asked for.
+@dataclass(frozen=True)
+class Draw:
+    """A training window as it is drawn: which one, how it is turned, and where the part begins that is cut out."""
 
-    An item is asked for by its index, or by (index, symmetry) to have it turned.
+    index: int
+    symmetry: int = 0
+    corner: tuple[int, int] = (0, 0)
+
+
+class WindowDataset(Dataset[Window]):
+    """The windows at `places`, each read from the disk when it is asked for, by its index or as a `Draw`.
+
+    With `crop` an item is a square of so many cells a side, the same of every frame.
     """
 
     def __init__(
-        self, places: list[Place], variant: Variant, length: int, given: int = 1, extra: str | None = None
+        self,
+        places: list[Place],
+        variant: Variant,
+        length: int,
+        given: int = 1,
+        extra: str | None = None,
+        crop: int | None = None,
     ) -> None:
         self.places, self.variant, self.length, self.given, self.extra = places, variant, length, given, extra
+        self.crop = crop
 
     def __len__(self) -> int:
         return len(self.places)
 
-    def __getitem__(self, item: int | tuple[int, int]) -> Window:
-        index, symmetry = item if isinstance(item, tuple) else (item, 0)
-        place = self.places[index]
+    def __getitem__(self, item: int | Draw) -> Window:
+        drawn = item if isinstance(item, Draw) else Draw(item)
+        place, symmetry = self.places[drawn.index], drawn.symmetry
         drive, cut = place.drive, slice(place.start, place.start + self.length)
         # Copies: a mapped array held on to would keep its pages in memory.
         arrays = {n: _in_float32(np.array(drive.array(n)[cut])) for n in {*self.variant.arrays, "evidence"}}
@@ -90,6 +106,11 @@ class WindowDataset(Dataset[Window]):
                 frames[:, channels] = np.moveaxis(
                     turning.turn_vector(np.moveaxis(frames[:, channels], 1, -1), symmetry), -1, 1
                 )
+        if self.crop is not None:
+            west, south = drawn.corner
+            shift = np.array([west, south]) + self.crop // 2 - occupancy.shape[-1] // 2
+            cut_out = (..., slice(west, west + self.crop), slice(south, south + self.crop))
+            frames, occupancy, centre_cell = frames[cut_out], occupancy[cut_out], centre_cell + shift
         return Window(
             frames=torch.from_numpy(np.ascontiguousarray(frames)),
             occupancy=torch.from_numpy(np.ascontiguousarray(occupancy)),
@@ -97,7 +118,7 @@ class WindowDataset(Dataset[Window]):
             pose=torch.from_numpy(pose.astype(np.float32)),
             drive=drive.name,
             start=place.start,
-            index=index,
+            index=drawn.index,
             extra=torch.from_numpy(np.ascontiguousarray(extra)),
         )
 
@@ -117,21 +138,33 @@ def windows_in_order(stretches: list[Stretch], length: int) -> list[Place]:
     return [Place(s.drive, a + k) for s in stretches for a, n in s.runs() for k in range(0, n - length + 1, length)]
 
 
-class RandomWindows(Sampler[tuple[int, int]]):
-    """Draws `samples` windows an epoch with replacement, each with a symmetry if asked for.
+class RandomWindows(Sampler[Draw]):
+    """Draws `samples` windows an epoch with replacement, each with a symmetry and a part of the grid if asked for.
 
     What an epoch draws depends on the seed and the epoch's number alone, so a resumed run draws what the uninterrupted
     one would have drawn.
+
+    Args:
+        windows: how many there are.
+        samples: how many are drawn.
+        seed: of what is drawn.
+        augment: draw a symmetry too.
+        epoch: tells the number of the current epoch.
+        spare: cells by which the grid is larger than the part that is cut out.
     """
 
-    def __init__(self, windows: int, samples: int, seed: int, augment: bool, epoch: Callable[[], int]) -> None:
-        self.windows, self.samples, self.seed, self.augment, self.epoch = windows, samples, seed, augment, epoch
+    def __init__(
+        self, windows: int, samples: int, seed: int, augment: bool, epoch: Callable[[], int], spare: int = 0
+    ) -> None:
+        self.windows, self.samples, self.seed, self.augment = windows, samples, seed, augment
+        self.epoch, self.spare = epoch, spare
 
     def __len__(self) -> int:
         return self.samples
 
-    def __iter__(self) -> Iterator[tuple[int, int]]:
+    def __iter__(self) -> Iterator[Draw]:
         random = np.random.default_rng([self.seed, self.epoch()])
-        index = random.integers(self.windows, size=self.samples)
-        turn = random.integers(turning.COUNT if self.augment else 1, size=self.samples)
-        return iter([(int(i), int(s)) for i, s in zip(index, turn, strict=True)])
+        index = random.integers(self.windows, size=self.samples).tolist()
+        turn = random.integers(turning.COUNT if self.augment else 1, size=self.samples).tolist()
+        corner = random.integers(self.spare + 1, size=(self.samples, 2)).tolist()
+        return iter([Draw(i, s, (a, b)) for i, s, (a, b) in zip(index, turn, corner, strict=True)])

@@ -3,6 +3,6 @@
 A module of this package that defines `find(root) -> list[Drive]` is a reader; adding one is adding a file.
 """
 
-from envpred.drives.drive import Drive, find_drives
+from envpred.drives.drive import Drive, find_drives, one_drive
 
-__all__ = ["Drive", "find_drives"]
+__all__ = ["Drive", "find_drives", "one_drive"]

@@ -91,6 +91,18 @@ def find_drives(root: Path | str) -> list[Drive]:
     return [found[name] for name in sorted(found)]
 
 
+def one_drive(root: Path | str, name: str | None = None) -> Drive:
+    """The drive of that name at or below `root`; without a name the first.
+
+    Raises:
+        UserError: if it is not there.
+    """
+    found = {drive.name: drive for drive in find_drives(root)}
+    if name is not None and name not in found:
+        raise UserError(f"{root}: no drive named {name}; it has {', '.join(found)}")
+    return found[name or next(iter(found))]
+
+
 def read_points(file: Path) -> NDArray[np.float32]:
     """Points (N, 4) float32 of one `.bin` scan in KITTI's format.
 

@@ -40,6 +40,8 @@ class PredNetForecaster(Forecaster):
         t5_drop_epoch: its epoch from which the learning rate is multiplied by `lr_drop`.
         lr_drop: factor on the learning rate.
         first_scored: first frame that the loss of stage t+5 counts; 1 as in the paper, or `given` for forecasts alone.
+        t5_error: what the loss of stage t+5 averages: absolute errors as in the paper, whose best forecast is the
+            median and stays sharp, or squared ones, whose best forecast is the mean and scores a lower MSE.
         init_from: checkpoint (.ckpt) or Keras arrays (.npz) whose weights training starts from.
     """
 
@@ -60,6 +62,7 @@ class PredNetForecaster(Forecaster):
         t5_drop_epoch: int = 75,
         lr_drop: float = 0.1,
         first_scored: int = 1,
+        t5_error: Literal["absolute", "squared"] = "absolute",
         init_from: str | None = None,
     ) -> None:
         super().__init__(variant, given)
@@ -104,9 +107,10 @@ class PredNetForecaster(Forecaster):
         return (errors[:, 1:].mean(dim=(0, 1)) * self.layer_weights).sum()
 
     def t5_loss(self, frames: Tensor, predictions: Tensor) -> Tensor:
-        """Half the mean absolute error from `first_scored` on: the scale of the split errors of stage t+1."""
+        """Half the mean error from `first_scored` on: the scale of the split errors of stage t+1."""
         first = int(self.hparams["first_scored"])
-        return 0.5 * (frames[:, first:] - predictions[:, first:]).abs().mean()
+        error = frames[:, first:] - predictions[:, first:]
+        return 0.5 * (error.abs() if self.hparams["t5_error"] == "absolute" else error.square()).mean()
 
     def training_step(self, batch: WindowBatch, batch_index: int) -> Tensor:
         frames, stage = batch["frames"], self.stage
@@ -177,13 +181,16 @@ class PredNetForecaster(Forecaster):
 
     def setup(self, stage: str) -> None:
         super().setup(stage)
-        channels, cells = self.hparams["channels"], self.dataset.cells
+        channels, sides = self.hparams["channels"], {"grid": self.dataset.cells}
+        if stage == "fit" and self.dataset.crop is not None:
+            sides["--data.crop"] = self.dataset.crop
         halvings = len(channels)
-        if cells % 2**halvings:
-            raise UserError(
-                f"--model.channels '{channels}': so many layers halve the grid {halvings} times, but its "
-                f"side of {cells} cells is no multiple of {2**halvings}; give fewer"
-            )
+        for what, cells in sides.items():
+            if cells % 2**halvings:
+                raise UserError(
+                    f"--model.channels '{channels}': so many layers halve the grid {halvings} times, but the {what}'s "
+                    f"side of {cells} cells is no multiple of {2**halvings}; give fewer"
+                )
         if stage != "fit":
             return
         # The schedule is the model's; --trainer.max_epochs can only cut it short.

@@ -7,7 +7,7 @@ from torch.utils.data import DataLoader
 
 from envpred.datamodules import GridDataModule
 from envpred.datamodules.variants import VARIANTS, variant
-from envpred.datamodules.windows import RandomWindows, windows_in_order
+from envpred.datamodules.windows import Draw, RandomWindows, windows_in_order
 from envpred.errors import UserError
 from envpred.mapping.evidence import pignistic
 from envpred.store import Store
@@ -77,8 +77,8 @@ def test_random_windows_depend_on_seed_and_epoch_alone() -> None:
     sampler = RandomWindows(50, 20, seed=7, augment=True, epoch=lambda: epoch)
     first = list(sampler)
     assert list(sampler) == first
-    assert {s for _, s in RandomWindows(50, 500, 7, True, lambda: 0)} == set(range(8))
-    assert {s for _, s in RandomWindows(50, 500, 7, False, lambda: 0)} == {0}
+    assert {draw.symmetry for draw in RandomWindows(50, 500, 7, True, lambda: 0)} == set(range(8))
+    assert {(d.symmetry, d.corner) for d in RandomWindows(50, 500, 7, False, lambda: 0)} == {(0, (0, 0))}
     epoch = 1
     assert list(sampler) != first
 
@@ -87,10 +87,36 @@ def test_training_windows_are_turned_whole(store: Path) -> None:
     module = data(store, train=["a"], val=["c"])
     module.setup("fit")
     windows = module.datasets["train"]
-    plain, turned = windows[3], windows[(3, 5)]
+    plain, turned = windows[3], windows[Draw(3, 5)]
     torch.testing.assert_close(turned["frames"], plain["frames"].transpose(-1, -2).flip(-1))
     torch.testing.assert_close(turned["occupancy"], plain["occupancy"].transpose(-1, -2).flip(-1))
     assert turned["pose"][1, 1] - turned["pose"][0, 1] == pytest.approx(-1 / 3, abs=1e-4)  # east has become south
+
+
+def test_a_crop_is_the_same_part_of_every_frame(store: Path) -> None:
+    whole = data(store, train=["a"], val=["c"], augment=True)
+    cropped = data(store, train=["a"], val=["c"], augment=True, crop=6)
+    for module in (whole, cropped):
+        module.setup("fit")
+    cells = whole.cells
+    item = cropped.datasets["train"][Draw(3, 5, (2, 7))]
+    full = whole.datasets["train"][Draw(3, 5)]
+    torch.testing.assert_close(item["frames"], full["frames"][..., 2:8, 7:13])
+    torch.testing.assert_close(item["occupancy"], full["occupancy"][..., 2:8, 7:13])
+    # The middle of the part, cell 3 of 6, is cell 5 and 10 of the whole grid.
+    shift = torch.tensor([5 - cells // 2, 10 - cells // 2])
+    torch.testing.assert_close(item["centre_cell"], full["centre_cell"] + shift)
+    assert cropped.datasets["val"][0]["occupancy"].shape[-1] == cells
+    corners = {draw.corner for draw in cropped.train_dataloader().sampler}
+    assert max(max(c) for c in corners) <= cells - 6
+    assert len(corners) > 10
+    assert {w["occupancy"].shape[-1] for w in cropped.train_dataloader()} == {6}
+
+
+@pytest.mark.parametrize("crop", [0, 10_000])
+def test_a_crop_that_does_not_fit_is_refused(store: Path, crop: int) -> None:
+    with pytest.raises(UserError, match=f"--data.crop {crop}: the grids have"):
+        data(store, train=["a"], val=["c"], crop=crop).setup("fit")
 
 
 def test_validation_windows_are_spread_over_the_drives(store: Path) -> None:

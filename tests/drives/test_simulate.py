@@ -13,10 +13,11 @@ import pytest
 
 from envpred.drives import find_drives
 from envpred.drives.kitti import KittiDrive
-from envpred.drives.simulate import classes, run, simulate, tracklets
+from envpred.drives.simulate import classes, run, tracklets
 from envpred.drives.simulate.ego import SENSOR_HEIGHT
 from envpred.drives.simulate.lidar import HDL64E
 from envpred.drives.simulate.realism import figures, realism
+from envpred.drives.simulate.run import simulate
 from envpred.drives.simulate.traffic import KINDS, Recording
 from envpred.drives.simulate.writer import DATE, drive_name
 from envpred.errors import UserError
@@ -30,7 +31,7 @@ DRIVES, FRAMES = 3, 8
 @pytest.fixture(scope="module")
 def drives(tmp_path_factory: pytest.TempPathFactory) -> list[KittiDrive]:
     out = tmp_path_factory.mktemp("simulated")
-    simulate(out, drives=DRIVES, frames=FRAMES, seed=11, processes=1)
+    simulate(out, drives=DRIVES, frames=FRAMES, seed=11, workers=1)
     found = find_drives(out)
     assert [d.name for d in found] == [drive_name(k + 1) for k in range(DRIVES)]
     return [d for d in found if isinstance(d, KittiDrive)]
@@ -193,14 +194,14 @@ def test_free_cells_hold_no_object(drives: list[KittiDrive]) -> None:
 
 
 def test_same_seed_same_bits_however_many_processes_and_drives(drives: list[KittiDrive], tmp_path: Path) -> None:
-    simulate(tmp_path / "again", drives=2, frames=FRAMES, seed=11, processes=2)
+    simulate(tmp_path / "again", drives=2, frames=FRAMES, seed=11, workers=2)
     for k in (1, 2):
         assert digest(tmp_path / "again" / DATE / drive_name(k)) == digest(drives[k - 1].folder)
     assert not list((tmp_path / "again").rglob(".*"))
 
 
 def test_another_seed_is_another_ego_elsewhere(drives: list[KittiDrive], tmp_path: Path) -> None:
-    simulate(tmp_path / "other", drives=1, frames=2, seed=12, processes=1)
+    simulate(tmp_path / "other", drives=1, frames=2, seed=12, workers=1)
     other = find_drives(tmp_path / "other")[0]
     paths = [
         np.loadtxt(d.folder / "oxts" / "data" / "0000000000.txt")[:2]
@@ -238,7 +239,7 @@ def test_the_figures_of_the_real_drives_are_the_published_ones(kitti: Path) -> N
         ({"drives": 10_000}, "9999"),
         ({"frames": 0}, "--frames 0"),
         ({"seed": -1}, "--seed -1"),
-        ({"processes": 0}, "--processes 0"),
+        ({"workers": 0}, "--workers 0"),
         ({"recording": Path("nowhere.npz")}, r"nowhere\.npz"),
         ({"frames": 2000}, "GB"),
     ],
@@ -249,7 +250,7 @@ def test_a_wrong_argument_is_one_clear_line_and_leaves_nothing(
     if "GB" in words:
         usage = namedtuple("usage", "total used free")
         monkeypatch.setattr(shutil, "disk_usage", lambda _: usage(10**9, 0, 10**8))
-    arguments = {"drives": 1, "frames": 2, "seed": 0, "processes": 1} | change
+    arguments = {"drives": 1, "frames": 2, "seed": 0, "workers": 1} | change
     with pytest.raises(UserError, match=words):
         simulate(tmp_path / "out", **arguments)  # type: ignore[arg-type]
     assert not (tmp_path / "out").exists()
@@ -266,7 +267,7 @@ def test_a_folder_that_holds_something_is_left_alone(tmp_path: Path) -> None:
 
 def test_a_drive_longer_than_the_recording_names_the_longest(tmp_path: Path) -> None:
     with pytest.raises(UserError, match=r"no car of the recording .*longest: 2[0-9]{3} frames"):
-        simulate(tmp_path / "out", drives=1, frames=5000, processes=1)
+        simulate(tmp_path / "out", drives=1, frames=5000, workers=1)
     assert not (tmp_path / "out").exists()
 
 

@@ -26,7 +26,9 @@ def test_a_scan_is_drawn_in_the_colours_of_its_classes(tmp_path: Path) -> None:
     for place, array in ((tmp_path / "velodyne_points" / "data", points), (tmp_path / "labels", words)):
         place.mkdir(parents=True)
         array.tofile(place / ("0000000003.bin" if array is points else "0000000003.label"))
-    (drawn,) = scan_picture(tmp_path, 3).axes[0].collections
+    axes = scan_picture(tmp_path, 3).axes[0]
+    drawn = axes.collections[0]
+    assert [t.get_text() for t in axes.get_legend().get_texts()] == ["road", "building", "car"]  # type: ignore[union-attr]
     assert isinstance(drawn, PathCollection)
     colours = np.asarray(drawn.get_facecolor())[:, :3]
     wanted = [classes.COLOURS[c] for c in (classes.BUILDING, classes.ROAD, classes.CAR)]

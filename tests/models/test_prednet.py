@@ -69,6 +69,9 @@ def test_t5_loss_by_hand(first: int) -> None:
     predictions[:, 0], predictions[:, 1], predictions[:, 3] = 9.0, 0.6, 0.2  # frame 0 counts nowhere
     expected = 0.5 * (0.6 + 0.0 + 0.2) / 3 if first == 1 else 0.5 * 0.2
     assert model.t5_loss(frames, predictions).item() == pytest.approx(expected)
+    squared = prednet(first_scored=first, t5_error="squared")
+    expected = 0.5 * (0.36 + 0.0 + 0.04) / 3 if first == 1 else 0.5 * 0.04
+    assert squared.t5_loss(frames, predictions).item() == pytest.approx(expected)
 
 
 def test_learning_rates_of_both_stages() -> None:
@@ -234,6 +237,8 @@ def test_dead_output_is_no_false_alarm_before_training(store: Path, tmp_path: Pa
 def test_a_grid_that_cannot_be_halved_so_often_is_refused(store: Path, tmp_path: Path) -> None:
     with pytest.raises(UserError, match="16 cells is no multiple of 32"):
         trainer(tmp_path).fit(prednet(channels=[2] * 5), datamodule=grids(store))
+    with pytest.raises(UserError, match=r"--data.crop's side of 6 cells is no multiple of 4"):
+        trainer(tmp_path).fit(prednet(channels=[2] * 2), datamodule=grids(store, crop=6))
 
 
 @pytest.mark.parametrize(

@@ -12,18 +12,42 @@ from envpred.drives.drive import read_points
 from envpred.drives.simulate import classes
 from envpred.drives.simulate.mesh import FloatArray
 from envpred.drives.simulate.traffic import KINDS, LANES, RATE, Recording
+from envpred.errors import UserError
 
 _SHADES = {
     "driving": "#8c8c94", "junction": "#8c8c94", "parking": "#a9a9b3", "cycleway": "#b58a83", "sidewalk": "#cfcac0",
     "crossing": "#f2f2f2", "walkingarea": "#cfcac0",
 }  # fmt: skip
+_LEGEND = {
+    "road": (classes.ROAD,),
+    "pavement": (classes.SIDEWALK,),
+    "parking": (classes.PARKING,),
+    "grass": (classes.TERRAIN,),
+    "building": (classes.BUILDING,),
+    "wall, fence": (classes.FENCE, classes.OTHER_STRUCTURE),
+    "plants": (classes.VEGETATION,),
+    "pole": (classes.POLE,),
+    "car": (classes.CAR, classes.MOVING_CAR),
+    "van": (classes.OTHER_VEHICLE, classes.MOVING_OTHER),
+    "truck": (classes.TRUCK, classes.MOVING_TRUCK),
+    "bicycle": (classes.BICYCLIST, classes.MOVING_BICYCLIST, classes.BICYCLE),
+    "person": (classes.PERSON, classes.MOVING_PERSON),
+}
 _USERS = {"car": "#1f4e9c", "van": "#4a2d83", "truck": "#22223b", "bicycle": "#d81b8c", "person": "#e3170a"}
 
 
 def scan_picture(drive: Path, frame: int, reach: float = 45.0) -> Figure:
-    """A scan of a simulated drive, obliquely from behind and above, coloured by class (SemanticKITTI's colours)."""
+    """A scan of a simulated drive, obliquely from behind and above, coloured by class (SemanticKITTI's colours).
+
+    Raises:
+        UserError: if the drive has no such frame, or no labels.
+    """
     points = read_points(drive / "velodyne_points" / "data" / f"{frame:010d}.bin")
-    words = np.fromfile(drive / "labels" / f"{frame:010d}.label", np.uint32)
+    file = drive / "labels" / f"{frame:010d}.label"
+    if not file.is_file():
+        raise UserError(f"{file}: no such labels; only drives of `envpred simulate` know the class of every point")
+    words = np.fromfile(file, np.uint32)
+    seen = classes.semantic(words)
     colours = np.full((65536, 3), 0.6)
     for number, colour in classes.COLOURS.items():
         colours[number] = np.array(colour) / 255
@@ -35,12 +59,16 @@ def scan_picture(drive: Path, frame: int, reach: float = 45.0) -> Figure:
         across[order],
         up[order],
         s=24 / depth[order],
-        c=colours[classes.semantic(words[order])],
+        c=colours[seen[order]],
         linewidths=0,
         rasterized=True,
     )
     axes.set(xlim=(-0.95, 0.95), ylim=(-0.62, 0.235), aspect="equal", facecolor="black")
     axes.axis("off")
+    for name, members in _LEGEND.items():
+        if np.isin(seen, members).any():
+            axes.scatter([], [], s=30, color=np.array(classes.COLOURS[members[0]]) / 255, label=name)
+    axes.legend(loc="lower center", ncols=len(_LEGEND), fontsize="small", labelcolor="white", facecolor="black")
     figure.subplots_adjust(0, 0, 1, 1)
     return figure
 
@@ -83,7 +111,7 @@ def traffic_picture(recording: Recording, network: int, second: float, reach: fl
     (left, right), (low, high) = (middle[axis] + np.array([-reach, reach]) for axis in (0, 1))
     axes.set(xlim=(left, right), ylim=(low, high), aspect="equal", title=f"{town.name}, {second:g} s")
     axes.set(xlabel="east (m)", ylabel="north (m)")
-    axes.legend(loc="upper right", ncols=len(shown) or 1, fontsize="small")
+    axes.legend(loc="upper right", ncols=len(shown) or 1, fontsize="small").set_zorder(20)  # above the streets
     figure.tight_layout()
     return figure
 

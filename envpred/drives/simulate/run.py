@@ -39,12 +39,12 @@ def simulate(
     drives: int = 10,
     frames: int = 150,
     seed: int = 0,
-    processes: int | None = None,
+    workers: int | None = None,
     recording: Path | None = None,
 ) -> None:
     """Writes simulated drives in KITTI raw's layout to `out`/<date>/<date>_drive_<number>_sync.
 
-    A drive depends on `seed`, its number, `frames` and the recording alone, not on `drives` or `processes`.  It is
+    A drive depends on `seed`, its number, `frames` and the recording alone, not on `drives` or `workers`.  It is
     written beside its place and moved there when it is whole.
 
     Args:
@@ -52,7 +52,7 @@ def simulate(
         drives: number of drives.
         frames: scans a drive, at 10 Hz.
         seed: egos, times, towns and street furniture follow from it.
-        processes: drives at work at once; by default the machine's cores.
+        workers: drives at work at once; by default the machine's cores.
         recording: traffic of `record.record`; by default the one that comes with the package.
 
     Raises:
@@ -60,7 +60,7 @@ def simulate(
             disk is full.
     """
     out = Path(out)
-    workers = _check(out, drives, frames, seed, processes)
+    processes = _check(out, drives, frames, seed, workers)
     source = recording or builtin_recording()
     towns = _able_towns(Recording.load(source), frames)
     day = out / DATE
@@ -69,7 +69,7 @@ def simulate(
         write_calibration(day)
     context = multiprocessing.get_context("spawn")
     counter = context.Value("q", 0)
-    with ProcessPoolExecutor(min(workers, drives), context, _start, (counter,)) as pool:
+    with ProcessPoolExecutor(min(processes, drives), context, _start, (counter,)) as pool:
         jobs = {pool.submit(_drive, day, number, frames, seed, source, towns) for number in range(1, drives + 1)}
         try:
             _watch(jobs, counter, drives, frames)
@@ -79,17 +79,17 @@ def simulate(
     print(f"simulated {drives} drives of {frames} scans (seed {seed}) in {day}")
 
 
-def _check(out: Path, drives: int, frames: int, seed: int, processes: int | None) -> int:
+def _check(out: Path, drives: int, frames: int, seed: int, workers: int | None) -> int:
     for name, value, least in (("--drives", drives, 1), ("--frames", frames, 2), ("--seed", seed, 0)):
         if value < least:
             raise UserError(f"{name} {value}: give at least {least}")
     if drives > 9999:
         raise UserError(f"--drives {drives}: KITTI's names have four digits, so 9999 at most")
-    if processes is not None and processes < 1:
-        raise UserError(f"--processes {processes}: give at least 1, or leave it out for one a core")
+    if workers is not None and workers < 1:
+        raise UserError(f"--workers {workers}: give at least 1, or leave it out for one a core")
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise UserError(f"{out} holds something already: give a folder that is not there yet, or empty it")
-    return processes or os.cpu_count() or 1
+    return workers or os.cpu_count() or 1
 
 
 def _able_towns(recording: Recording, frames: int) -> list[int]:

@@ -1,0 +1,98 @@
+"""The simulator's commands, as functions: their arguments are the command line's."""
+
+from pathlib import Path
+
+from envpred.errors import UserError
+
+
+def simulate(
+    out: Path,
+    drives: int = 10,
+    frames: int = 150,
+    seed: int = 0,
+    workers: int | None = None,
+    recording: Path | None = None,
+) -> None:
+    """Write simulated drives with known truth in KITTI raw's layout.
+
+    Args:
+        out: folder that is not there yet, or is empty.
+        drives: how many.
+        frames: scans of each, ten a second.
+        seed: of egos, times, scenery and noise; same seed, same drives.
+        workers: local processes; by default one a core.
+        recording: traffic recorded with SUMO; by default the one that comes with envpred.
+    """
+    from envpred.drives.simulate.run import simulate as write_drives
+
+    write_drives(out, drives, frames, seed, workers, recording)
+
+
+def record(out: Path, seconds: float = 300.0, seed: int = 1) -> None:
+    """Record traffic in SUMO for --recording of simulate (extra `sim`).
+
+    Args:
+        out: recording to write (.npz).
+        seconds: of traffic in each town.
+        seed: of streets and trips.
+    """
+    from envpred.drives.simulate.record import record as run_sumo
+
+    if out.exists():
+        raise UserError(f"{out} is there already: give another name, or remove it")
+    run_sumo(out, seconds, seed)
+    print(out)
+
+
+def realism(simulated: Path, real: Path) -> None:
+    """Print what the mapping makes of simulated drives beside real ones.
+
+    Args:
+        simulated: folder with simulated drives.
+        real: folder with real drives.
+    """
+    from envpred.drives.simulate.realism import realism as table
+
+    print(table(simulated, real))
+
+
+def scan(source: Path, out: Path, drive: str | None = None, frame: int = 0) -> None:
+    """Draw a scan of a simulated drive, coloured by the true class of every point.
+
+    Args:
+        source: folder with simulated drives.
+        out: picture to write; its ending decides the format.
+        drive: name of the drive; by default the first.
+        frame: frame number.
+    """
+    from envpred import plots
+    from envpred.drives import one_drive
+    from envpred.drives.kitti import KittiDrive
+    from envpred.drives.simulate.pictures import scan_picture
+
+    chosen = one_drive(source, drive)
+    if not isinstance(chosen, KittiDrive):
+        raise UserError(f"{chosen.name}: no simulated drive; give a folder that `envpred simulate` wrote")
+    print(plots.save(scan_picture(chosen.folder, frame), out))
+
+
+def traffic(out: Path, town: int = 0, second: float = 60.0, recording: Path | None = None) -> None:
+    """Draw the recorded traffic of a town from above.
+
+    Args:
+        out: picture to write; its ending decides the format.
+        town: number of the town in the recording, counted from 0.
+        second: moment of the recording.
+        recording: traffic recorded with SUMO; by default the one that comes with envpred.
+    """
+    from envpred import plots
+    from envpred.drives.simulate.pictures import traffic_picture
+    from envpred.drives.simulate.run import builtin_recording
+    from envpred.drives.simulate.traffic import Recording
+
+    found = Recording.load(recording or builtin_recording())
+    if not 0 <= town < len(found.networks):
+        raise UserError(f"--town {town}: the recording has {len(found.networks)} towns, counted from 0")
+    if not 0 <= second <= found.seconds:
+        raise UserError(f"--second {second:g}: the recording lasts {found.seconds:g} s")
+    print(plots.save(traffic_picture(found, town, second), out))
