@@ -129,15 +129,11 @@ class GridDataModule(LightningDataModule):
         return int(drives[0].manifest["lattice"]["cells"])
 
     def describe(self, part: str) -> dict[str, Any]:
-        """What a result was measured on: split, drives, windows and a hash of their content."""
-        arrays = sorted({*self.view.arrays, "evidence"})
-        checksums = {
-            stretch.drive.name: [stretch.drive.manifest["arrays"][name]["checksum"] for name in arrays]
-            for stretch in self.stretches[part]
-        }
+        """What a result was measured on: split, drives, windows and hashes of what was read and of what is judged."""
         return {
             "store": self.store.name,
-            "store_hash": digest(checksums),
+            "store_hash": self._hash(part, {*self.view.arrays, "evidence"}),
+            "judged_hash": self._hash(part, {"evidence"}),
             "variant": self.variant,
             "split": "custom" if any(self.selections.values()) else self.split,
             "part": part,
@@ -147,6 +143,15 @@ class GridDataModule(LightningDataModule):
             "given": self.given,
             "windows": [[place.drive.name, place.start] for place in self.datasets[part].places],
         }
+
+    def _hash(self, part: str, arrays: set[str]) -> str:
+        """A hash of the content of `arrays` of the drives of `part`."""
+        return digest(
+            {
+                stretch.drive.name: [stretch.drive.manifest["arrays"][name]["checksum"] for name in sorted(arrays)]
+                for stretch in self.stretches[part]
+            }
+        )
 
     def _epoch(self) -> int:
         return self.trainer.current_epoch if self.trainer is not None else 0

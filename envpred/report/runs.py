@@ -16,7 +16,7 @@ FloatArray = NDArray[np.float64]
 
 # What two results must agree in to be compared, as data -> what a user calls it.
 SAME_DATA = {
-    "store_hash": "grids",
+    "judged_hash": "grids",  # what is forecast; inputs may differ, or no two variants could be compared
     "split": "split",
     "given": "number of frames shown",
     "length": "window length",
@@ -150,8 +150,8 @@ def _check_comparable(first: Run, other: Run) -> None:
     for key, what in SAME_DATA.items():
         here, there = first.data.get(key), other.data.get(key)
         if here != there:
-            stale = " (built again since, or another store)" if key == "store_hash" else ""
-            shown = "" if key in ("windows", "store_hash") else f": {there} against {here}"
+            stale = " (built again since, or another store)" if key == "judged_hash" else ""
+            shown = "" if key in ("windows", "judged_hash") else f": {there} against {here}"
             raise UserError(
                 f"{other.file}: other {what}{shown}{stale} than {first.file}; "
                 "a report compares runs on the same windows: test both on the same data, or report them apart"

@@ -60,7 +60,8 @@ def record(name: str, variant: str, level: float, seed: int = 0) -> dict[str, An
         "variant": variant,
         "data": {
             "store": "grids",
-            "store_hash": "abc123",
+            "store_hash": f"abc123 {variant}",
+            "judged_hash": "abc123",
             "variant": variant,
             "split": "auto",
             "part": "test",

@@ -58,7 +58,7 @@ def cut_horizons(record: Record) -> None:
 
 
 MIXED = {
-    "other grids .built again since": mend("store_hash", "other"),
+    "other grids .built again since": mend("judged_hash", "other"),
     "other split: paper against auto": mend("split", "paper"),
     "other number of frames shown: 4 against 5": mend("given", 4),
     "other window length: 25 against 20": mend("length", 25),
