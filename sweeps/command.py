@@ -1,5 +1,6 @@
 """What the commands of this package share: their command line, and failures of one line."""
 
+import logging
 import signal
 import sys
 from collections.abc import Callable
@@ -48,6 +49,7 @@ def run(function: Callable[..., None], args: list[str] | None) -> None:
         raise KeyboardInterrupt
 
     signal.signal(signal.SIGTERM, end)
+    logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)  # windows are counted again and again
     try:
         function(**vars(options), fit=fit)
     except UserError as error:

@@ -1,6 +1,6 @@
 """The search space: YAML keyed by the dotted argument of `envpred fit`.
 
-    config: ../../configs/model/prednet.yaml      # what runs start from unless --config says otherwise
+    config: configs/model/prednet.yaml      # what runs start from unless --config says otherwise
     model.t1_lr: {type: float, low: 1.0e-5, high: 1.0e-2, log: true}
     model.t1_epochs: {type: int, low: 1, high: 8}
     model.channels: {choices: [[8, 16], [16, 32], [16, 32, 64]]}
@@ -31,6 +31,7 @@ from optuna.distributions import (
 from envpred.errors import UserError
 from envpred.store import digest
 from sweeps.arguments import FitArguments
+from sweeps.shipped import shipped
 
 CONFIG = "config"
 KEYS = ("type", "low", "high", "log", "step", "choices", "list", "when")
@@ -167,7 +168,7 @@ def read_space(file: Path) -> Space:
             f"{file}: names no argument to search; write lines such as `model.t1_lr: {{low: ..., high: ...}}`"
         )
     given = content.pop(CONFIG, [])
-    config = [file.parent / name for name in (given if isinstance(given, list) else [given])]
+    config = [shipped(name, file) for name in (given if isinstance(given, list) else [given])]
     entries: dict[str, Entry] = {}
     for name, text in content.items():
         try:

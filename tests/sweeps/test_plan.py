@@ -1,0 +1,149 @@
+"""The plan of an ablation, and the stores that it builds: what differs from the unchanged run, and nothing else."""
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from envpred.build import MappingParameters
+from envpred.datamodules.variants import VARIANTS
+from envpred.errors import UserError
+from envpred.mapping.dogma import DogmaParameters
+from envpred.mapping.evidence import EvidenceParameters
+from envpred.mapping.particle_state import ParticleFilterParameters
+from envpred.store import Store
+from sweeps import stores
+from sweeps.arguments import FitArguments
+from sweeps.plan import MAIN, SWITCHES, Run, make_plan
+from tests import builds
+from tests.drives.synthetic import write_drive
+from tests.sweeps.conftest import SMALL
+
+FIT = [f"--config={SMALL}", "--model.t1_epochs=2", "--model.t5_epochs=4", "--model.t5_drop_epoch=3", "--data.val=[b]"]
+
+
+def planned(switches: list[str], **options: Any) -> dict[str, Run]:
+    given = {"fit": FIT, "tuned": {}, "variants": ["dst_static"], "switches": switches, "seeds": [0]} | options
+    return {run.name: run for run in make_plan(**given)}
+
+
+def changed(name: str) -> dict[str, Any]:
+    """What a switch changes of the complete configuration."""
+    runs = planned([name])
+    variant = SWITCHES[name].variant
+    (unchanged,) = (planned([], variants=[variant])[f"{variant}_default_seed0"],)
+    one, two = (FitArguments([*run.options, "--data.store=."]).base for run in (unchanged, runs[name]))
+    flat = [{**c["data"], **c["model"]["init_args"], **c["trainer"], "seed": c["seed_everything"]} for c in (one, two)]
+    return {key: flat[1][key] for key in flat[1] if flat[0][key] != flat[1][key]}
+
+
+def test_every_variant_is_run_with_every_seed_and_set_of_hyperparameters(tmp_path: Path, fit: FitArguments) -> None:
+    best = tmp_path / "best.yaml"
+    best.write_text(yaml.safe_dump(fit.complete({"model.channels": [4, 4], "data.samples": 7, "data.val": ["c"]})))
+    runs = planned([], variants=list(VARIANTS), seeds=[0, 3], tuned={"dst_dogma": best})
+    trained = [run for run in runs.values() if run.trains]
+    assert len(trained) == 4 * 2 + 2
+    config = FitArguments([*runs["dst_dogma_tuned_seed3"].options, "--data.store=."]).base
+    assert config["model"]["init_args"]["channels"] == [4, 4]
+    assert (config["data"]["variant"], config["data"]["samples"], config["data"]["seed"]) == ("dst_dogma", 7, 3)
+    assert config["seed_everything"] == 3
+    assert config["data"]["val"] == ["b"]  # judged as the others are
+    assert {run.groups for run in trained} == {("variants",)}
+    baseline = FitArguments([*runs["moved_last_frame"].options, "--data.store=."]).base
+    assert baseline["model"]["class_path"].endswith("MovedLastFrame")
+    assert baseline["data"]["val"] == ["b"]
+
+
+@pytest.mark.parametrize(
+    ("name", "changes"),
+    [
+        ("t1_only", {"t1_epochs": 6, "t1_drop_epoch": 6, "t5_epochs": 0}),
+        ("t5_only", {"t5_epochs": 6, "t5_drop_epoch": 5, "t1_epochs": 0}),
+        ("feedback_current", {"feedback": "current"}),
+        ("first_scored_given", {"first_scored": 5}),
+        ("ground_velocity", {}),
+        ("fewer_particles", {}),
+        ("ransac", {}),
+        ("context_3", {"given": 3, "length": 18}),
+        ("context_10", {"given": 10, "length": 25}),
+    ],
+)
+def test_a_switch_changes_one_thing(name: str, changes: dict[str, Any]) -> None:
+    assert changed(name) == changes
+    assert (SWITCHES[name].store == MAIN) == bool(changes)  # what changes nothing here changes the grids
+
+
+def test_a_switch_is_reported_beside_the_unchanged_run() -> None:
+    runs = planned(["t1_only", "feedback_current", "fewer_particles", "ransac"])
+    together = {
+        group: {name for name, run in runs.items() if group in run.groups}
+        for group in ("variants", "network", "velocities", "ransac")
+    }
+    assert together["variants"] == {"dst_static_default_seed0", "moved_last_frame"}
+    assert together["network"] == {"dst_static_default_seed0", "t1_only", "feedback_current"}
+    assert together["velocities"] == {"dst_dogma_default_seed0", "fewer_particles"}
+    assert together["ransac"] == {"ransac"}
+
+
+def test_what_is_not_known_is_refused() -> None:
+    with pytest.raises(UserError, match=r"--switches .*there are t1_only"):
+        planned(["one"])
+    with pytest.raises(UserError, match=r"--variants .*there are dst_static"):
+        planned([], variants=["dst"])
+    with pytest.raises(UserError, match="give different numbers"):
+        planned([], seeds=[1, 1])
+
+
+def test_commands_of_stores_differ_in_one_thing(tmp_path: Path) -> None:
+    main = Store(tmp_path / "main")
+    main.claim("mapping", MappingParameters(evidence=EvidenceParameters(discount=0.8)).as_dict())
+    main.claim("dogma", asdict(DogmaParameters(ParticleFilterParameters(births=2000))))
+    ransac, ground, fewer = (
+        stores.command(key, main.folder, tmp_path / key, tmp_path)
+        for key in ("ransac", "ground_velocity", "fewer_particles")
+    )
+    assert {"--ground=RansacPlane", "--evidence.discount=0.8", "--grid.cells=128", "--sensor=calibration"} < set(ransac)
+    assert not any(option.startswith(("--ground.", "--particles", "--dogma")) for option in ransac)
+    assert {"--ground=MarkovRandomField", "--ground.cell=0.4", "--dogma=true", "--evidence.discount=0.8"} < set(ground)
+    differ = {option.split("=")[0]: option.split("=")[1] for option in set(fewer) ^ set(ground) if "main" not in option}
+    del differ["--store"]
+    assert differ.keys() == {"--particles.filter.frame", "--particles.filter.persistent", "--particles.filter.births"}
+    assert {"--particles.filter.persistent=20000", "--particles.filter.births=200"} < set(fewer)
+    assert {"--particles.filter.frame=ground", "--particles.filter.births=2000"} < set(ground)
+
+
+def parameters(store: Path) -> dict[str, Any]:
+    return {group: Store(store).parameters(group) for group in ("mapping", "dogma")}
+
+
+@pytest.mark.slow
+def test_stores_differ_in_one_thing(tmp_path: Path) -> None:
+    source, main = tmp_path / "drives", tmp_path / "main"
+    write_drive(source, "0001", frames=6, azimuths=90)
+    options = ["--workers=1", "--dogma=true", "--particles.filter.persistent=2000", "--particles.filter.births=200"]
+    done = builds.run(source, main, *options, "--evidence.discount=0.8")
+    assert done.returncode == 0, done.stderr
+    before = parameters(main)
+    for key in ("ground_velocity", "fewer_particles", "ransac"):
+        assert not stores.is_whole(key, tmp_path / key, main)
+        stores.build(key, main, tmp_path / key, source)
+        assert stores.is_whole(key, tmp_path / key, main)
+    ground, fewer, ransac = (parameters(tmp_path / key) for key in ("ground_velocity", "fewer_particles", "ransac"))
+    assert ground["mapping"] == fewer["mapping"] == before["mapping"]
+    assert ground["dogma"]["filter"] == before["dogma"]["filter"] | {"frame": "ground"}
+    assert fewer["dogma"]["filter"] == before["dogma"]["filter"] | {"persistent": 200, "births": 20}
+    assert ransac["mapping"].pop("ground")["method"] == "RansacPlane"
+    assert ransac["mapping"] == {name: value for name, value in before["mapping"].items() if name != "ground"}
+    assert ransac["dogma"] == {}
+
+
+def test_what_cannot_be_built_is_refused(store: Path, tmp_path: Path) -> None:
+    with pytest.raises(UserError, match="give their folder as --source"):
+        stores.check("ransac", store, None, False)
+    main = Store(tmp_path / "main")
+    main.claim("mapping", MappingParameters().as_dict())
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(UserError, match=r"the store of ransac cannot be built: .*no drive"):
+        stores.build("ransac", main.folder, tmp_path / "ransac", tmp_path / "empty")
