@@ -47,7 +47,7 @@ class FitArguments:
         with _one_line():
             self.parser = lightning(args, _ReadOnly, run=False).parser
         self.base = self.complete({})
-        self.names = frozenset(_flat(self.base))
+        self.values = _flat(self.base)
 
     def complete(self, arguments: Mapping[str, Any]) -> dict[str, Any]:
         """The complete configuration with `arguments` (dotted name -> value) set, every default spelt out.
@@ -67,8 +67,8 @@ class FitArguments:
             UserError: naming the nearest right one.
         """
         for name in names:
-            if name.replace(".init_args.", ".") not in self.names:
-                near = difflib.get_close_matches(name, self.names, 1, 0.5)
+            if name.replace(".init_args.", ".") not in self.values:
+                near = difflib.get_close_matches(name, self.values, 1, 0.5)
                 hint = f"; did you mean {near[0]}?" if near else "; `envpred fit --print_config` lists them all"
                 raise UserError(f"{where}: `envpred fit` takes no argument {name} with this model{hint}")
 

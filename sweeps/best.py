@@ -27,11 +27,13 @@ def write_best(study: optuna.Study, fit: FitArguments, identity: Mapping[str, st
         folder: of the study.
     """
     best = study.best_trial
+    first = study.get_trials(deepcopy=False)[0]
     about = {
         "study": study.study_name,
         "storage": storage,
         "trial": str(best.number),
         "validation MSE": f"{best.value:.6g}",
+        "of the first trial": f"{first.value:.6g}" if first.state == optuna.trial.TrialState.COMPLETE else "none",
         "trials": str(len(study.get_trials(deepcopy=False, states=(optuna.trial.TrialState.COMPLETE,)))),
         **identity,
         "revision": revision(),

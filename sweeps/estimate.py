@@ -28,8 +28,9 @@ def seconds(config: Mapping[str, Any], cells: int, val_windows: int) -> float:
     data, model = config["data"], config["model"]["init_args"]
     inputs = len(variant(data["variant"]).channels)
     batch = int(data["batch_size"])
-    step = _step((inputs, *model["channels"]), cells, data["length"], data["given"], batch)
-    window = FORWARD * step / batch
+    side = int(data["crop"] or cells)  # training may see squares of it alone
+    step = _step((inputs, *model["channels"]), side, data["length"], data["given"], batch)
+    window = FORWARD * step / batch * (cells / side) ** 2
     windows = min(val_windows, int(data["val_windows"]))
     epoch = math.ceil(int(data["samples"]) / batch) * step + windows * window + PICTURES
     return 2.0 * START + epochs_of(config) * epoch + windows * window + TEST

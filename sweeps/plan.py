@@ -87,6 +87,9 @@ SWITCHES = {
         "loss of stage t+5 over forecasts alone", "network", STATIC,
         lambda c: {"model.first_scored": c["data"]["given"]},
     ),
+    "squared_error": Switch(
+        "squared error in the loss of stage t+5", "network", STATIC, lambda c: {"model.t5_error": "squared"}
+    ),
     "ground_velocity": Switch(
         "velocities relative to the ground instead of the ego", "velocities", DYNAMIC, store="ground_velocity"
     ),

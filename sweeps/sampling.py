@@ -1,6 +1,6 @@
 """Samplers and pruners of a study, by name; what a trial draws depends on the seed, its number and what was before."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, Literal
 
 import numpy as np
@@ -25,11 +25,12 @@ class SeededByTrial(BaseSampler):
     """A sampler that starts afresh for each trial, seeded with `seed` and the trial's number.
 
     Workers that join a study thus never draw the same trials, and a study that was interrupted goes on as one that was
-    not.
+    not.  The first trial draws what `first` says, name -> value: the configuration that all start from, which the best
+    one is to beat.
     """
 
-    def __init__(self, make: Callable[[int], BaseSampler], seed: int) -> None:
-        self.make, self.seed = make, seed
+    def __init__(self, make: Callable[[int], BaseSampler], seed: int, first: Mapping[str, Any]) -> None:
+        self.make, self.seed, self.first = make, seed, first
         self.sampler = make(seed)
 
     def before_trial(self, study: Study, trial: FrozenTrial) -> None:
@@ -38,7 +39,7 @@ class SeededByTrial(BaseSampler):
         self.sampler.before_trial(study, trial)
 
     def infer_relative_search_space(self, study: Study, trial: FrozenTrial) -> dict[str, BaseDistribution]:
-        return self.sampler.infer_relative_search_space(study, trial)
+        return {} if trial.number == 0 else self.sampler.infer_relative_search_space(study, trial)
 
     def sample_relative(
         self, study: Study, trial: FrozenTrial, search_space: dict[str, BaseDistribution]
@@ -48,12 +49,14 @@ class SeededByTrial(BaseSampler):
     def sample_independent(
         self, study: Study, trial: FrozenTrial, param_name: str, param_distribution: BaseDistribution
     ) -> Any:
+        if trial.number == 0 and param_name in self.first:
+            return self.first[param_name]
         return self.sampler.sample_independent(study, trial, param_name, param_distribution)
 
 
-def sampler(name: SamplerName, seed: int) -> BaseSampler:
-    """The sampler of that name."""
-    return SeededByTrial(SAMPLERS[name], seed)
+def sampler(name: SamplerName, seed: int, first: Mapping[str, Any] | None = None) -> BaseSampler:
+    """The sampler of that name; the first trial draws the values `first`."""
+    return SeededByTrial(SAMPLERS[name], seed, first or {})
 
 
 def pruner(name: PrunerName) -> BasePruner:

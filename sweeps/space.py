@@ -58,6 +58,15 @@ class Dimension:
                 return decoded(trial.suggest_categorical(self.name, choices))
         raise ValueError(f"no distribution of ours: {self.distribution}")
 
+    def holds(self, value: Any) -> bool:
+        """Whether a value is in its range or among its choices."""
+        match self.distribution:
+            case CategoricalDistribution(choices=choices):
+                return encoded(value) in choices
+            case FloatDistribution(low=low, high=high) | IntDistribution(low=low, high=high):
+                return isinstance(value, int | float) and low <= value <= high
+        raise ValueError(f"no distribution of ours: {self.distribution}")
+
     def samples(self) -> list[Any]:
         """The ends of its range, or every choice: what the command line must take."""
         match self.distribution:
@@ -115,6 +124,23 @@ class Space:
             if all(other in chosen and chosen[other] in values for other, values in entry.when.items()):
                 chosen[name] = entry.suggest(trial)
         return chosen
+
+    def values_in(self, fit: FitArguments) -> dict[str, Any]:
+        """The values (Optuna's name -> value) that the configuration has, of those that the space holds.
+
+        Elements that a list of the configuration lacks count as 0, as those of layer weights do.
+        """
+        given = fit.values
+        found: dict[str, Any] = {}
+        for name, entry in self.entries.items():
+            value = given[name.replace(".init_args.", ".")]
+            if isinstance(entry.value, list):
+                whole = [*value, *[0] * (len(entry.value) - len(value))] if isinstance(value, list) else []
+                pairs = [(d, v) for d, v in zip(entry.value, whole, strict=False) if isinstance(d, Dimension)]
+            else:
+                pairs = [(entry.value, value)]
+            found |= {d.name: encoded(v) for d, v in pairs if d.holds(v)}
+        return found
 
     def check_joins(self, study: optuna.Study) -> None:
         """Refuse a study whose trials drew the same names from what Optuna cannot bring together with ours.
@@ -178,8 +204,13 @@ def read_space(file: Path) -> Space:
     return Space(file, config, entries)
 
 
+def encoded(value: Any) -> Any:
+    """`value` as a choice of Optuna's, whose storages take no lists: those are written as JSON."""
+    return json.dumps(value) if isinstance(value, list) else value
+
+
 def decoded(choice: Any) -> Any:
-    """The value that a choice stands for: Optuna's storages take no lists, which are therefore written as JSON."""
+    """The value that a choice stands for, see `encoded`."""
     return json.loads(choice) if isinstance(choice, str) and choice.startswith("[") else choice
 
 
@@ -211,7 +242,7 @@ def _dimension(name: str, text: Any) -> Dimension:
         choices = text["choices"]
         if not isinstance(choices, list) or not choices or set(text) & {"low", "high", "log", "step"}:
             raise ValueError("`choices` takes a list of values, and no range beside it")
-        return Dimension(name, CategoricalDistribution([json.dumps(c) if isinstance(c, list) else c for c in choices]))
+        return Dimension(name, CategoricalDistribution([encoded(choice) for choice in choices]))
     kind = text.get("type", "float")
     if kind not in NUMBERS:
         raise ValueError(f"type {kind!r} is neither float nor int; give `choices` for everything else")

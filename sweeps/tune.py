@@ -82,7 +82,9 @@ def tune(
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     with told(folder, storage):
         kept = open_storage(folder, storage)
-        study = open_study(kept, name, identity, sampling.sampler(sampler, seed), sampling.pruner(pruner), force)
+        study = open_study(
+            kept, name, identity, sampling.sampler(sampler, seed, read.values_in(base)), sampling.pruner(pruner), force
+        )
         read.check_joins(study)
         if cluster is not None:
             on_cluster(cluster, "sweeps.tune", {k: v for k, v in given.items() if k not in ("fit", "cluster")}, fit)

@@ -63,6 +63,7 @@ def test_every_variant_is_run_with_every_seed_and_set_of_hyperparameters(tmp_pat
         ("t5_only", {"t5_epochs": 6, "t5_drop_epoch": 5, "t1_epochs": 0}),
         ("feedback_current", {"feedback": "current"}),
         ("first_scored_given", {"first_scored": 5}),
+        ("squared_error", {"t5_error": "squared"}),
         ("ground_velocity", {}),
         ("fewer_particles", {}),
         ("ransac", {}),

@@ -8,6 +8,7 @@ from optuna.distributions import CategoricalDistribution, FloatDistribution, Int
 
 from envpred.errors import UserError
 from sweeps.arguments import FitArguments
+from sweeps.sampling import sampler
 from sweeps.space import read_space
 from tests.sweeps.conftest import REPOSITORY, SPACE
 
@@ -118,12 +119,27 @@ def test_what_fit_would_refuse_is_refused_before(tmp_path: Path, fit: FitArgumen
     assert str(tmp_path) in str(error.value)
 
 
-@pytest.mark.parametrize("name", ["prednet", "fcn"])
-def test_spaces_that_ship_fit_their_model(name: str, store: Path) -> None:
-    space = read_space(REPOSITORY / "sweeps" / "spaces" / f"{name}.yaml")
+def test_the_first_trial_draws_what_the_configuration_has(space_file: Path, fit: FitArguments) -> None:
+    space = read_space(space_file)
+    changed = FitArguments([*fit.args, "--model.channels=[4]", "--model.layer_weights=[1, 0.5]", "--model.t1_lr=1"])
+    assert space.values_in(changed) == {
+        "model.channels": "[4]",
+        "model.layer_weights.1": 0.5,
+        "model.t5_lr": changed.values["model.t5_lr"],
+    }  # a rate of 1 is not in the space, and is drawn
+    study = optuna.create_study(sampler=sampler("tpe", 0, space.values_in(changed)))
+    first, second = (space.suggest(study.ask()) for _ in range(2))
+    assert (first["model.channels"], first["model.layer_weights"]) == ([4], [1.0, 0.5])
+    assert second["model.layer_weights"] != [1.0, 0.5]
+
+
+@pytest.mark.parametrize("file", sorted((REPOSITORY / "sweeps" / "spaces").glob("*.yaml")), ids=lambda file: file.stem)
+def test_spaces_that_ship_fit_their_model(file: Path, store: Path) -> None:
+    space = read_space(file)
     fit = FitArguments([*(f"--config={file}" for file in space.config), f"--data.store={store}"])
     space.check(fit)
     trial = optuna.create_study(sampler=optuna.samplers.RandomSampler(0)).ask()
     config = fit.complete(space.suggest(trial))
-    assert name in config["model"]["class_path"].lower()
+    assert file.stem.split("_")[0] in config["model"]["class_path"].lower()
+    assert space.values_in(fit).keys() == trial.params.keys()  # so the first trial is what ships
     assert set(trial.params) == {d.name for entry in space.entries.values() for d in entry.dimensions}
