@@ -13,7 +13,7 @@ from envpred.networks.prednet import PredNet
 from sweeps.progress import epochs_of
 
 # Seconds of a process that loads the libraries, of the pictures of a validation, and of a test's metrics and pictures.
-START, PICTURES, TEST = 8.0, 1.0, 5.0
+START, PICTURES, TEST = 8.0, 2.0, 6.0
 FORWARD = 0.4  # of a training step
 
 

@@ -4,7 +4,14 @@
 
 The same command started again, here or on another machine that sees the folder or the database, joins the study; after
 an interruption it goes on with it.  Options of `envpred fit` (--config, --model.*, --data.*, --trainer.*) go to every
-trial.
+trial.  The folder of the study then holds best.yaml, trials.csv, pictures, and each trial's configuration, log and
+TensorBoard run:
+
+    envpred fit --config studies/prednet_dst_dogma/best.yaml
+    tensorboard --logdir studies/prednet_dst_dogma/trials
+    optuna-dashboard studies/prednet_dst_dogma/journal.log      # pip install 'envpred[dashboard]'
+
+A worker uses the devices that it sees: give each its own, as by CUDA_VISIBLE_DEVICES.
 """
 
 from collections.abc import Callable, Mapping

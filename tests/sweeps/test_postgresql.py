@@ -68,6 +68,7 @@ def url() -> Iterator[str]:
             call("pg_ctl", "-w", "-m", "immediate", "stop")
 
 
+@pytest.mark.slow
 def test_a_worker_is_killed_in_mid_trial(
     url: str, store: Path, space_file: Path, tmp_path: Path, checkpoint: Path
 ) -> None:

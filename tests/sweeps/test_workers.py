@@ -110,6 +110,7 @@ def test_a_worker_is_killed_while_it_trains(store: Path, space_file: Path, tmp_p
     check_killed_study(tmp_path / NAME, args, None, "sweeps.tune")
 
 
+@pytest.mark.slow
 def test_ctrl_c_is_one_line_and_the_same_command_goes_on(
     store: Path, space_file: Path, tmp_path: Path, checkpoint: Path
 ) -> None:
