@@ -69,21 +69,24 @@ def ablation(
         stores.check(key, store, source, dynamic)
     with told(out):
         jobs = [Job.of(run, folders[run.store], out / "runs") for run in plan]
-        missing = [key for key, folder in folders.items() if key != MAIN and not stores.is_whole(key, folder, store)]
+        missing = [key for key, folder in folders.items() if not stores.is_whole(key, folder, store)]
         todo = [job for job in jobs if job.run.store in missing or not job.is_done()]
         times = _show(jobs, todo, missing, store)
         if dry_run:
             return
         for key in missing:
-            assert source is not None
             _say(f"building the store of {key}")
             stores.build(key, store, folders[key], source)
         failures = _do(todo, times)
-        reports = _report(jobs, out)
+        reports = _report(jobs, out, failures)
         text = summary(jobs, reports, failures, out)
         _say(f"{text}\nsummary: {replace_text(out / SUMMARY, text)}")
         if failures:
-            raise UserError("\n".join([*failures, f"{len(failures)} of {len(jobs)} runs failed; the others are done"]))
+            raise UserError(
+                "\n".join(
+                    [*failures, f"{len(failures)} of {len(jobs)} runs and their reports failed; the others are done"]
+                )
+            )
 
 
 def _show(jobs: Sequence[Job], todo: Sequence[Job], missing: Sequence[str], store: Path) -> dict[str, float]:
@@ -124,13 +127,16 @@ def _do(todo: Sequence[Job], times: dict[str, float]) -> list[str]:
     return failures
 
 
-def _report(jobs: Sequence[Job], out: Path) -> dict[str, Path]:
-    """A report of each group that has results."""
+def _report(jobs: Sequence[Job], out: Path, failures: list[str]) -> dict[str, Path]:
+    """A report of each group that has results; what cannot be compared is a failure of its own."""
     pages = {}
     for group in dict.fromkeys(group for job in jobs for group in job.run.groups):
         results = [job.result for job in jobs if group in job.run.groups and job.result.is_file()]
         if results:
-            pages[group] = report(results, out / "report" / group)
+            try:
+                pages[group] = report(results, out / "report" / group)
+            except UserError as error:
+                failures.append(f"report {group}: {error}")
     return pages
 
 

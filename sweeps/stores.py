@@ -1,46 +1,30 @@
-"""The grids that an ablation needs beside those it was given: the same drives, mapped in another way."""
+"""The grids that an ablation needs beside those it was given: the same drives, made in another way."""
 
 import subprocess
 import sys
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from envpred.build_dogma import build_dogma
 from envpred.errors import UserError
-from envpred.store import Store
+from envpred.mapping.dogma import DogmaParameters
+from envpred.mapping.particle_state import ParticleFilterParameters
+from envpred.store import FORMAT, MAPPING_ARRAYS, DriveWriter, Store
 from sweeps.plan import MAIN
 
+Filter = ParticleFilterParameters
 
-@dataclass(frozen=True)
-class Recipe:
-    """What differs from the given store: arguments of `envpred grids` by name; None takes all of that name away."""
-
-    changes: Mapping[str, Any]
-    dogma: bool = False
-
-
-RECIPES = {
-    "ransac": Recipe({"ground": "RansacPlane"}),
-    "ground_velocity": Recipe({"particles.filter.frame": "ground"}, dogma=True),
-    "fewer_particles": Recipe({"particles.filter.persistent": 0.1, "particles.filter.births": 0.1}, dogma=True),
+# Stores whose velocities are made by another filter, of the label grids that are there.
+FILTERS: dict[str, Callable[[Filter], Filter]] = {
+    "ground_velocity": lambda f: replace(f, frame="ground"),
+    "fewer_particles": lambda f: replace(f, persistent=max(1, f.persistent // 10), births=max(1, f.births // 10)),
 }
-
-
-def command(key: str, main: Path, folder: Path, source: Path) -> list[str]:
-    """The options of `envpred grids` that build the store `key` into `folder`, all else as in the store `main`."""
-    recipe = RECIPES[key]
-    options = _mapping(Store(main))
-    if "ground" in recipe.changes:
-        options = {name: value for name, value in options.items() if name.split(".", 1)[0] != "ground"}
-    if recipe.dogma:
-        options |= {"dogma": True, **_flat("particles", Store(main).parameters("dogma"))}
-    for name, value in recipe.changes.items():
-        # A share of what the given store has, or a value of its own.
-        options[name] = max(1, round(options[name] * value)) if isinstance(value, float) else value
-    drives = "[" + ",".join(Store(main).drives) + "]"
-    given = {"source": source, "store": folder, "drives": drives, **options}
-    return [f"--{name}={str(value).lower() if isinstance(value, bool) else value}" for name, value in given.items()]
+# Stores that are mapped anew from the drives, with another ground segmentation.
+GROUNDS = {"ransac": "RansacPlane"}
 
 
 def check(key: str, main: Path, source: Path | None, dynamic: bool) -> None:
@@ -49,12 +33,12 @@ def check(key: str, main: Path, source: Path | None, dynamic: bool) -> None:
     Raises:
         UserError: if there is nothing to build it from.
     """
-    if key != MAIN and source is None:
+    if key in GROUNDS and source is None:
         raise UserError(
-            f"the store of {key} is built from the drives; give their folder as --source, or other --switches"
+            f"the store of {key} is mapped from the drives; give their folder as --source, or other --switches"
         )
     lacking = [drive.name for drive in Store(main).drives.values() if not drive.has("velocity")]
-    if (dynamic or (key in RECIPES and RECIPES[key].dogma)) and lacking:
+    if (dynamic or key in FILTERS) and lacking:
         raise UserError(
             f"{main}: {', '.join(lacking)} hold no velocities; "
             f"build them with `envpred grids --source ... --store {main} --dogma true`"
@@ -63,43 +47,65 @@ def check(key: str, main: Path, source: Path | None, dynamic: bool) -> None:
 
 def is_whole(key: str, folder: Path, main: Path) -> bool:
     """Whether the store `key` in `folder` holds every drive of the store `main`, complete."""
+    if key == MAIN:
+        return True
     if not (folder / "store.json").is_file():
         return False
     drives = Store(folder).drives
-    return all(
-        name in drives and (drives[name].has("velocity") or not RECIPES[key].dogma) for name in Store(main).drives
-    )
+    return all(name in drives and (drives[name].has("velocity") or key not in FILTERS) for name in Store(main).drives)
 
 
-def build(key: str, main: Path, folder: Path, source: Path) -> None:
+def build(key: str, main: Path, folder: Path, source: Path | None) -> None:
     """Build the store `key`, or what is missing of it.
 
     Raises:
-        UserError: with the line of `envpred grids` if it fails.
+        UserError: if it fails, with the reason.
     """
+    if key in GROUNDS:
+        _map(key, main, folder, source)
+    else:
+        _copy_grids(Store(main), folder)
+        given = dict(Store(main).parameters("dogma"))
+        changed = FILTERS[key](Filter(**given.pop("filter")))
+        build_dogma(folder, DogmaParameters(changed, **given))
+
+
+def command(key: str, main: Path, folder: Path, source: Path) -> list[str]:
+    """The options of `envpred grids` that map the drives into the store `key`, all else as in the store `main`."""
+    parameters = dict(Store(main).parameters("mapping")) | {"ground": GROUNDS[key]}
+    drives = "[" + ",".join(Store(main).drives) + "]"
+    given = {"source": source, "store": folder, "drives": drives, **_flat(parameters)}
+    return [f"--{name}={value}" for name, value in given.items()]
+
+
+def _map(key: str, main: Path, folder: Path, source: Path | None) -> None:
+    assert source is not None  # `check` has seen to that
+    options = command(key, main, folder, source)
     done = subprocess.run(
-        [sys.executable, "-m", "envpred.cli", "grids", *command(key, main, folder, source)],
-        stderr=subprocess.PIPE,
-        text=True,
-        check=False,
+        [sys.executable, "-m", "envpred.cli", "grids", *options], stderr=subprocess.PIPE, text=True, check=False
     )
     if done.returncode:
         lines = [line for line in done.stderr.splitlines() if line.startswith("envpred: ")] or [done.stderr[-300:]]
         raise UserError(f"the store of {key} cannot be built: {lines[-1].removeprefix('envpred: ')}")
 
 
-def _mapping(store: Store) -> dict[str, Any]:
-    """The arguments of `envpred grids` by which the store was mapped."""
-    parameters = dict(store.parameters("mapping"))
-    ground = dict(parameters.pop("ground"))
-    found: dict[str, Any] = {"ground": ground.pop("method"), **_flat("ground", ground)}
-    for name, value in parameters.items():
-        found |= _flat(name, value) if isinstance(value, Mapping) else {name: value}
-    return found
+def _copy_grids(main: Store, folder: Path) -> None:
+    """Copy label grids and evidence, to the bit: what is forecast stays the same."""
+    target = Store(folder)
+    key = target.claim("mapping", main.parameters("mapping"))
+    for name, drive in main.drives.items():
+        if name not in target.drives:
+            about = {k: v for k, v in drive.manifest.items() if k not in ("groups", "arrays", "software")}
+            with DriveWriter(folder, name, "mapping", key, about | {"format": FORMAT}) as out:
+                for array in MAPPING_ARRAYS:
+                    values = drive.array(array)
+                    writer = out.add(array, values.dtype, values.shape)
+                    for frame in values:
+                        writer.append(np.array(frame))
 
 
-def _flat(prefix: str, values: Mapping[str, Any]) -> dict[str, Any]:
+def _flat(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
     flat: dict[str, Any] = {}
     for name, value in values.items():
-        flat |= _flat(f"{prefix}.{name}", value) if isinstance(value, Mapping) else {f"{prefix}.{name}": value}
+        flat |= _flat(value, f"{prefix}{name}.") if isinstance(value, Mapping) else {f"{prefix}{name}": value}
     return flat

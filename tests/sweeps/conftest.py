@@ -41,9 +41,9 @@ def space_file(tmp_path: Path) -> Path:
 
 @pytest.fixture(scope="session")
 def checkpoint(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """What stands for the best checkpoint of stubbed runs, of their 30th step."""
+    """What stands for the best checkpoint of stubbed runs, of their 20th step: the second validation of three."""
     file = tmp_path_factory.mktemp("checkpoint") / "best.ckpt"
-    torch.save({"state_dict": {}, "global_step": 30}, file)
+    torch.save({"state_dict": {}, "global_step": 20}, file)
     return file
 
 

@@ -1,7 +1,7 @@
 """`python -m tests.sweeps.stub ...`: sweeps.tune whose trials train nothing, but leave what `envpred fit` leaves.
 
 The error is a function of the learning rate.  $STUB_SECONDS is how long a trial takes, $STUB_CHECKPOINT the file that
-stands for its best checkpoint (of step 30), and $STUB_FAIL what trials of a large learning rate say when they fail.
+stands for its best checkpoint (of step 20), and $STUB_FAIL what trials of a large learning rate say when they fail.
 """
 
 import os

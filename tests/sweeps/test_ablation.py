@@ -99,7 +99,7 @@ def test_a_failed_run_is_told_and_the_others_are_done(
         main(arguments(store, tmp_path / "out", "--variants=[dst_static]"))
     lines = capsys.readouterr().err.splitlines()
     assert any("t5_only: the forecast is the same everywhere" in line for line in lines)
-    assert lines[-1] == "1 of 3 runs failed; the others are done"
+    assert lines[-1] == "1 of 3 runs and their reports failed; the others are done"
     assert "* failed: t5_only" in (tmp_path / "out" / "sweep.md").read_text()
 
 

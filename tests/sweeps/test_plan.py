@@ -1,6 +1,5 @@
 """The plan of an ablation, and the stores that it builds: what differs from the unchanged run, and nothing else."""
 
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -8,6 +7,7 @@ import pytest
 import yaml
 
 from envpred.build import MappingParameters
+from envpred.build_dogma import build_dogma
 from envpred.datamodules.variants import VARIANTS
 from envpred.errors import UserError
 from envpred.mapping.dogma import DogmaParameters
@@ -19,6 +19,7 @@ from sweeps.arguments import FitArguments
 from sweeps.plan import MAIN, SWITCHES, Run, make_plan
 from tests import builds
 from tests.drives.synthetic import write_drive
+from tests.stores import write_store
 from tests.sweeps.conftest import SMALL
 
 FIT = [f"--config={SMALL}", "--model.t1_epochs=2", "--model.t5_epochs=4", "--model.t5_drop_epoch=3", "--data.val=[b]"]
@@ -97,47 +98,53 @@ def test_what_is_not_known_is_refused() -> None:
         planned([], seeds=[1, 1])
 
 
-def test_commands_of_stores_differ_in_one_thing(tmp_path: Path) -> None:
+def test_another_ground_segmentation_is_all_that_differs(tmp_path: Path) -> None:
     main = Store(tmp_path / "main")
     main.claim("mapping", MappingParameters(evidence=EvidenceParameters(discount=0.8)).as_dict())
-    main.claim("dogma", asdict(DogmaParameters(ParticleFilterParameters(births=2000))))
-    ransac, ground, fewer = (
-        stores.command(key, main.folder, tmp_path / key, tmp_path)
-        for key in ("ransac", "ground_velocity", "fewer_particles")
+    options = stores.command("ransac", main.folder, tmp_path / "ransac", tmp_path)
+    assert {"--ground=RansacPlane", "--evidence.discount=0.8", "--grid.cells=128", "--sensor=calibration"} < set(
+        options
     )
-    assert {"--ground=RansacPlane", "--evidence.discount=0.8", "--grid.cells=128", "--sensor=calibration"} < set(ransac)
-    assert not any(option.startswith(("--ground.", "--particles", "--dogma")) for option in ransac)
-    assert {"--ground=MarkovRandomField", "--ground.cell=0.4", "--dogma=true", "--evidence.discount=0.8"} < set(ground)
-    differ = {option.split("=")[0]: option.split("=")[1] for option in set(fewer) ^ set(ground) if "main" not in option}
-    del differ["--store"]
-    assert differ.keys() == {"--particles.filter.frame", "--particles.filter.persistent", "--particles.filter.births"}
-    assert {"--particles.filter.persistent=20000", "--particles.filter.births=200"} < set(fewer)
-    assert {"--particles.filter.frame=ground", "--particles.filter.births=2000"} < set(ground)
+    assert not any(option.startswith(("--ground.", "--particles", "--dogma")) for option in options)
 
 
-def parameters(store: Path) -> dict[str, Any]:
-    return {group: Store(store).parameters(group) for group in ("mapping", "dogma")}
+def test_another_filter_is_all_that_differs(tmp_path: Path) -> None:
+    main = write_store(tmp_path / "main", {"a": list(range(6)), "b": [*range(3), *range(5, 9)]})
+    build_dogma(main, DogmaParameters(ParticleFilterParameters(2000, 200, birth=0.03), tau=5), workers=1)
+    before = Store(main)
+    for key, changes in (
+        ("ground_velocity", {"frame": "ground"}),
+        ("fewer_particles", {"persistent": 200, "births": 20}),
+    ):
+        folder = tmp_path / key
+        assert not stores.is_whole(key, folder, main)
+        stores.build(key, main, folder, None)
+        assert stores.is_whole(key, folder, main)
+        found = Store(folder)
+        assert found.parameters("mapping") == before.parameters("mapping")
+        given = before.parameters("dogma")
+        assert found.parameters("dogma") == given | {"filter": given["filter"] | changes}
+        for name, drive in found.drives.items():
+            ours, theirs = drive.manifest, before.drives[name].manifest
+            assert {k: ours[k] for k in ("frames", "runs", "lattice")} == {
+                k: theirs[k] for k in ("frames", "runs", "lattice")
+            }
+            assert ours["arrays"]["evidence"]["checksum"] == theirs["arrays"]["evidence"]["checksum"]
+            assert ours["arrays"]["velocity"]["checksum"] != theirs["arrays"]["velocity"]["checksum"]
+            drive.verify()
 
 
 @pytest.mark.slow
-def test_stores_differ_in_one_thing(tmp_path: Path) -> None:
+def test_drives_are_mapped_with_ransac(tmp_path: Path) -> None:
     source, main = tmp_path / "drives", tmp_path / "main"
     write_drive(source, "0001", frames=6, azimuths=90)
-    options = ["--workers=1", "--dogma=true", "--particles.filter.persistent=2000", "--particles.filter.births=200"]
-    done = builds.run(source, main, *options, "--evidence.discount=0.8")
+    done = builds.run(source, main, "--workers=1", "--evidence.discount=0.8")
     assert done.returncode == 0, done.stderr
-    before = parameters(main)
-    for key in ("ground_velocity", "fewer_particles", "ransac"):
-        assert not stores.is_whole(key, tmp_path / key, main)
-        stores.build(key, main, tmp_path / key, source)
-        assert stores.is_whole(key, tmp_path / key, main)
-    ground, fewer, ransac = (parameters(tmp_path / key) for key in ("ground_velocity", "fewer_particles", "ransac"))
-    assert ground["mapping"] == fewer["mapping"] == before["mapping"]
-    assert ground["dogma"]["filter"] == before["dogma"]["filter"] | {"frame": "ground"}
-    assert fewer["dogma"]["filter"] == before["dogma"]["filter"] | {"persistent": 200, "births": 20}
-    assert ransac["mapping"].pop("ground")["method"] == "RansacPlane"
-    assert ransac["mapping"] == {name: value for name, value in before["mapping"].items() if name != "ground"}
-    assert ransac["dogma"] == {}
+    stores.build("ransac", main, tmp_path / "ransac", source)
+    assert stores.is_whole("ransac", tmp_path / "ransac", main)
+    before, ransac = (Store(folder).parameters("mapping") for folder in (main, tmp_path / "ransac"))
+    assert ransac.pop("ground")["method"] == "RansacPlane"
+    assert ransac == {name: value for name, value in before.items() if name != "ground"}
 
 
 def test_what_cannot_be_built_is_refused(store: Path, tmp_path: Path) -> None:

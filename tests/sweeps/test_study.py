@@ -51,6 +51,7 @@ def test_an_interrupted_study_draws_what_an_uninterrupted_one_draws(tmp_path: Pa
         parts, storage = opened(tmp_path / "parts")
         Worker(parts, storage, trials, square).work()
     assert [t.params for t in parts.trials] == [t.params for t in whole.trials]
+    assert len({t.params["x"] for t in whole.trials}) == 14
     other, storage = opened(tmp_path / "other", seed=1)
     Worker(other, storage, 2, square).work()
     assert other.trials[0].params != whole.trials[0].params
