@@ -18,6 +18,7 @@ from envpred.drives import Drive, find_drives
 from envpred.drives.drive import PAPER_SENSOR_OFFSET
 from envpred.errors import UserError
 from envpred.executors import D, Job, in_processes, on_cluster
+from envpred.interrupts import ends_at_once
 from envpred.mapping import evidence
 from envpred.mapping.evidence import EvidenceParameters
 from envpred.mapping.geometry import GridSpec
@@ -66,7 +67,8 @@ def build(
     if workers is not None and workers < 1:
         raise UserError(f"--workers {workers} must be at least 1")
     parameters = parameters or MappingParameters()
-    found = _chosen(find_drives(source), drives)
+    with ends_at_once():  # readers bring libraries of their own
+        found = _chosen(find_drives(source), drives)
     target = Store(store)
     key = target.claim("mapping", parameters.as_dict(), force=force)
     sweep(store)
@@ -81,7 +83,8 @@ def build(
     ready.sort(key=lambda drive: -len(drive.frames))  # the longest first, so that no worker is left with it at the end
     job = functools.partial(_attempt, store=store.resolve(), parameters=parameters, key=key)
     if ready and not cluster:
-        _compile(parameters)
+        with ends_at_once():  # the compiler has C callbacks, in which the exception of a Ctrl-C would be lost
+            _compile(parameters)
     try:
         mapped = run_jobs(job, ready, "mapping", workers, cluster, failures)
     finally:

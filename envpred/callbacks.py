@@ -1,27 +1,34 @@
 """What a run shows besides its scalars: pictures of fixed windows, and the static baseline's line."""
 
-from collections.abc import Iterator, Mapping
+import io
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import PIL.Image
 import torch
 from lightning.pytorch import Callback, LightningModule, Trainer
 from lightning.pytorch.loggers import TensorBoardLogger
-from numpy.typing import NDArray
 from tensorboard.compat.proto.summary_pb2 import Summary
 from torch.utils.data import default_collate
 from torch.utils.tensorboard import SummaryWriter
 
 from envpred import plots
-from envpred.models.forecaster import SHOWN_HORIZONS, Forecaster
-from envpred.results import RESULT, add_pictures
+from envpred.forecast_pictures import forecast_strip, scene_animation, scene_strip
+from envpred.models.forecaster import Forecaster
+from envpred.results import RESULT, SHOWN_HORIZONS, add_pictures
+from envpred.scenes import Scene, write_scenes
 
-Occupancy = NDArray[np.float32]
+DRAWN = "drawn.npz"  # the forecasts of the windows that are drawn, beside the result
+FORECAST = "forecast"
 
 
 class Pictures(Callback):
     """Targets, forecasts and errors of fixed windows: in TensorBoard after validation, beside the result after a test.
+
+    TensorBoard also has the first window beside the last frame shown, with the ego and what moves circled.
 
     Args:
         windows: how many windows are drawn, spread evenly over those there are.
@@ -45,37 +52,50 @@ class Pictures(Callback):
         self._draw_reference(trainer, logger)
         if trainer.current_epoch % self.every_n_epochs:
             return
-        for place, (occupancy, forecast, where) in enumerate(self._windows(pl_module, "val")):
-            title = f"{where}, epoch {trainer.current_epoch}"
-            strip = plots.forecast_strip(occupancy[pl_module.given :], forecast, SHOWN_HORIZONS, title)
-            logger.experiment.add_figure(f"window_{place}/forecast", strip, trainer.global_step)
+        step = trainer.global_step
+        for place, scene in enumerate(self._scenes(pl_module, "val").values()):
+            title = f"{scene.where}, epoch {trainer.current_epoch}"
+            errors = forecast_strip(scene.target, scene.forecasts[FORECAST], SHOWN_HORIZONS, title)
+            logger.experiment.add_figure(f"window_{place}/forecast", errors, step)
             if place == 0:
-                self._animate(logger, occupancy, forecast, pl_module.given, trainer.global_step)
+                beside = replace(scene, forecasts=scene.forecasts | {"last frame": scene.static})
+                logger.experiment.add_figure("window_0/comparison", scene_strip(beside, title=title), step)
+                self._animate(logger, scene_animation(beside), step)
 
     def on_test_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
-        """Pictures of the same kind beside the result."""
+        """Pictures of the same kind beside the result, and the forecasts themselves for a report's pictures."""
         folder = trainer.log_dir
         if folder is None or not trainer.is_global_zero or not isinstance(pl_module, Forecaster):
             return
         names: dict[str, str] = {}
-        for place, (occupancy, forecast, where) in enumerate(self._windows(pl_module, "test")):
-            strip = plots.forecast_strip(occupancy[pl_module.given :], forecast, SHOWN_HORIZONS, where)
+        scenes = self._scenes(pl_module, "test")
+        for place, scene in enumerate(scenes.values()):
+            strip = forecast_strip(scene.target, scene.forecasts[FORECAST], SHOWN_HORIZONS, scene.where)
             plots.save(strip, Path(folder) / "pictures" / f"window_{place}.png")
-            gif = plots.animation(occupancy, forecast, pl_module.given)
-            (Path(folder) / "pictures" / f"window_{place}.gif").write_bytes(gif)
+            (Path(folder) / "pictures" / f"window_{place}.gif").write_bytes(scene_animation(scene))
             names |= {f"window_{place}_{kind}": f"pictures/window_{place}.{kind}" for kind in ("png", "gif")}
-        add_pictures(Path(folder) / RESULT, names)
+        write_scenes(Path(folder) / DRAWN, scenes)
+        add_pictures(Path(folder) / RESULT, names, DRAWN)
 
-    def _windows(self, model: Forecaster, part: str) -> Iterator[tuple[Occupancy, Occupancy, str]]:
-        """Occupancy (T, H, W), forecast (T - given, H, W) and whereabouts of the fixed windows of `part`."""
+    def _scenes(self, model: Forecaster, part: str) -> dict[int, Scene]:
+        """The fixed windows of `part` with the model's forecast, by their place among all."""
         data = model.dataset.datasets[part]
-        for index in np.unique(np.linspace(0, len(data) - 1, self.windows).round().astype(int)):
-            batch = default_collate([data[int(index)]])
+        scenes = {}
+        for index in np.unique(np.linspace(0, len(data) - 1, self.windows).round().astype(int)).tolist():
+            place = data.places[index]
+            batch = default_collate([data[index]])
             moved = model.transfer_batch_to_device(batch, model.device, 0)
             with torch.no_grad():
                 forecast = model.forecast(moved, model.given)[0].float().cpu().numpy()
-            where = f"{batch['drive'][0]}, frames from {int(batch['start'][0])}"
-            yield batch["occupancy"][0].numpy(), forecast, where
+            scenes[index] = Scene(
+                place.drive.name,
+                tuple(place.drive.frames[place.start : place.start + model.given]),
+                batch["occupancy"][0, : model.given].numpy(),
+                batch["occupancy"][0, model.given :].numpy(),
+                batch["centre_cell"][0].numpy(),
+                {FORECAST: forecast},
+            )
+        return scenes
 
     def on_train_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
         logger = _tensorboard(trainer)
@@ -96,9 +116,8 @@ class Pictures(Callback):
                 self.static.add_scalar(name.replace("static/", "val/"), float(value), trainer.global_step)
 
     @staticmethod
-    def _animate(logger: TensorBoardLogger, target: Any, forecast: Any, given: int, step: int) -> None:
-        gif = plots.animation(target, forecast, given)
-        height, width = 2 * target.shape[2], 4 * target.shape[1]
+    def _animate(logger: TensorBoardLogger, gif: bytes, step: int) -> None:
+        width, height = PIL.Image.open(io.BytesIO(gif)).size
         image = Summary.Image(height=height, width=width, colorspace=3, encoded_image_string=gif)
         summary = Summary(value=[Summary.Value(tag="window_0/animation", image=image)])
         logger.experiment._get_file_writer().add_summary(summary, step)

@@ -146,12 +146,36 @@ def report(runs: list[Path], out: Path) -> None:
     print(write_report(runs, out))
 
 
+def draw(
+    predictions: list[Path],
+    out: Path,
+    window: int = 0,
+    store: Path | None = None,
+    source: Path | None = None,
+    horizons: list[float] | None = None,
+) -> None:
+    """Draw one window of predictions or test runs, several methods beside each other, as a strip or a .gif.
+
+    Args:
+        predictions: folders that `envpred predict` wrote, or of test runs, whose drawn windows are taken.
+        out: picture (.png, .pdf) at some horizons, or animation (.gif) of all.
+        window: place of the window among those of the first folder.
+        store: folder of the grids that were forecast from: adds what was shown, and the targets where there are any.
+        source: folder with the drives, for pictures of their camera.
+        horizons: of the strip, in seconds; by default those of the paper, and the last.
+    """
+    from envpred.drawing import draw as draw_window
+
+    print(draw_window(predictions, out, window, store, source, horizons))
+
+
 COMMANDS: dict[str, Callable[..., Any]] = {
     "grids": grids,
     "verify": verify,
     "ground": ground,
     "show": show,
     "report": report,
+    "draw": draw,
     "simulate": simulate,
     "realism": realism,
     "record": record,
@@ -162,6 +186,7 @@ COMMANDS: dict[str, Callable[..., Any]] = {
 # Arguments that are given without a name: command -> (argument, how many).
 POSITIONAL: dict[str, tuple[str, str | None]] = {
     "report": ("runs", "+"),
+    "draw": ("predictions", "+"),
     "simulate": ("out", None),
     "record": ("out", None),
 }

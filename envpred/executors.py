@@ -55,20 +55,23 @@ def in_processes(job: Job[D], drives: list[D], workers: int | None) -> Outcome:
     others = set(multiprocessing.active_children())
     pool = ProcessPoolExecutor(count, context, initializer=_enter_worker, initargs=(frames,))
     try:
-        with _interrupt_later():
-            waiting = {pool.submit(_in_worker, job, drive, place) for place, drive in enumerate(drives)}
-        while waiting:
-            finished: set[Future[str | None]] = set()
-            try:
-                for future in as_completed(waiting, timeout=0.5):
-                    finished.add(future)
-                    yield 0, future.result()
-            except TimeoutError:
-                pass
-            waiting -= finished
-            now = sum(frames)
-            yield now - seen, None
-            seen = now
+        with _interrupts_kept() as interrupts:
+            with _interrupts_blocked():
+                waiting = {pool.submit(_in_worker, job, drive, place) for place, drive in enumerate(drives)}
+            while waiting:
+                finished: set[Future[str | None]] = set()
+                try:
+                    for future in as_completed(waiting, timeout=0.25):
+                        finished.add(future)
+                        yield 0, future.result()
+                except TimeoutError:
+                    pass
+                waiting -= finished
+                if interrupts:
+                    raise KeyboardInterrupt
+                now = sum(frames)
+                yield now - seen, None
+                seen = now
     except BrokenProcessPool:
         raise UserError(
             "a worker process was killed from outside (out of memory?); finished drives are kept: "
@@ -82,24 +85,27 @@ def in_processes(job: Job[D], drives: list[D], workers: int | None) -> Outcome:
 
 
 @contextlib.contextmanager
-def _interrupt_later() -> Iterator[None]:
-    """Hold a Ctrl-C back while worker processes are started, and keep it from them while they import.
-
-    They inherit the signal mask.  The mask alone is not enough here: another thread may take the signal.
-    """
-    if threading.current_thread() is not threading.main_thread():
-        yield
+def _interrupts_kept() -> Iterator[list[int]]:
+    """Collect Ctrl-C in a list to look at: an exception that meets a destructor or a callback would be lost."""
+    kept: list[int] = []
+    if threading.current_thread() is not threading.main_thread():  # only that one may set signal handlers
+        yield kept
         return
-    held: list[int] = []
-    handler = signal.signal(signal.SIGINT, lambda number, _: held.append(number))
+    handler = signal.signal(signal.SIGINT, lambda number, _: kept.append(number))
+    try:
+        yield kept
+    finally:
+        signal.signal(signal.SIGINT, handler)
+
+
+@contextlib.contextmanager
+def _interrupts_blocked() -> Iterator[None]:
+    """Block Ctrl-C while worker processes are started: they inherit the mask, and keep it while they import."""
     mask = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
     try:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, mask)
-        signal.signal(signal.SIGINT, handler)
-    if held:
-        raise KeyboardInterrupt
 
 
 _worker = SimpleNamespace(frames=None)  # what a local worker process shares with its parent

@@ -1,4 +1,4 @@
-"""Ctrl-C while libraries load."""
+"""Ctrl-C where its exception could be lost."""
 
 import os
 import signal
@@ -13,7 +13,7 @@ MESSAGE = "envpred: interrupted; run the same command again to go on"
 
 @contextmanager
 def ends_at_once() -> Iterator[None]:
-    """Let Ctrl-C end the process where it stands, while libraries load and nothing has begun that could be lost.
+    """Let Ctrl-C end the process where it stands, for as long as nothing has begun that could be lost.
 
     A C extension may turn a KeyboardInterrupt that it meets while it loads into an ImportError, or swallow it.
     """

@@ -21,6 +21,7 @@ from envpred.datamodules import GridDataModule
 from envpred.errors import UserError
 from envpred.models import Forecaster
 from envpred.models.checkpoints import read_checkpoint
+from envpred.prediction_writer import PredictionWriter
 from envpred.results import short_name
 
 RUNS = Path("runs")
@@ -36,6 +37,7 @@ class EnvpredCLI(LightningCLI):
     def add_arguments_to_parser(self, parser: LightningArgumentParser) -> None:
         parser.link_arguments("data.variant", "model.init_args.variant")
         parser.link_arguments("data.given", "model.init_args.given")
+        parser.add_lightning_class_args(PredictionWriter, "predictions")
 
     def _parse_ckpt_path(self) -> None:
         """Find the checkpoint that `best` and `last` stand for, and refuse what is none.
@@ -53,8 +55,10 @@ class EnvpredCLI(LightningCLI):
         options["weights_only"] = True
 
     def before_instantiate_classes(self) -> None:
-        """Log to runs/<model>/<variant>, a resumed run into its own folder."""
+        """Log to runs/<model>/<variant>, a resumed run into its own folder; keep no prediction in memory."""
         options = self.config[self.subcommand] if self.subcommand else self.config
+        if self.subcommand == "predict":
+            options.return_predictions = False  # they are on the disk
         if options.trainer.logger in (None, True):
             name, version = f"{self._model_name()}/{options.data.variant}", None
             checkpoint = options.get("ckpt_path")

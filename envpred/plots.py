@@ -1,4 +1,4 @@
-"""Every picture: the command line, TensorBoard and reports call these.
+"""Pictures of grids, scans and curves: the command line, TensorBoard and reports call these.
 
 Grids are drawn as maps, east to the right and north up, with metres from the centre cell on the axes.  Occupancy is
 drawn as the field draws it, white free and black occupied; other colours are those of Okabe and Ito, which people with
@@ -6,7 +6,7 @@ any kind of colour vision tell apart.
 """
 
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -16,16 +16,12 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
-from matplotlib.patches import Circle
 from numpy.typing import NDArray
 from PIL import Image
 
 from envpred.mapping.evidence import pignistic
 from envpred.mapping.geometry import EGO, FREE, OCCUPIED, UNKNOWN, GridSpec
-from envpred.movers import Mover
-from envpred.results import PERIOD, horizon_name
-
-EGO_CIRCLE = 3.5  # m; the ego's body and a little more
+from envpred.results import PERIOD
 
 Grid = NDArray[np.floating] | NDArray[np.uint8]
 
@@ -67,31 +63,6 @@ def draw_labels(ax: Axes, labels: NDArray[np.uint8], resolution: float = GridSpe
     ax.set_ylabel("north (m)")
 
 
-def forecast_strip(target: Grid, forecast: Grid, horizons: Sequence[int], title: str = "") -> Figure:
-    """Targets over forecasts over their error at some `horizons` (1 is the first), each (N, H, W)."""
-    shown = [h for h in horizons if h <= len(target)]
-    # Placed by hand: matplotlib's automatic layout takes seconds for that many panels, and training waits for them.
-    width, height = 2.1 * len(shown) + 1.9, 7.0
-    fig = figure(width, height, layout=None)
-    axes = fig.subplots(3, len(shown), sharex=True, sharey=True, squeeze=False)
-    fig.subplots_adjust(0.8 / width, 0.75 / height, 1 - 1.0 / width, 1 - 0.65 / height, 0.08, 0.12)
-    for column, h in enumerate(shown):
-        truth, guess = target[h - 1], forecast[h - 1]
-        black = draw_grid(axes[0, column], truth, cmap="gray_r", vmin=0, vmax=1)
-        draw_grid(axes[1, column], guess, cmap="gray_r", vmin=0, vmax=1)
-        error = draw_grid(axes[2, column], guess - truth, cmap="PuOr", vmin=-1, vmax=1)
-        axes[0, column].set_title(f"{horizon_name(h)}")
-        axes[2, column].set_xlabel(f"east (m)\nMSE {np.mean((guess - truth) ** 2):.4f}", fontsize=8)
-    for row, name in enumerate(("target", "forecast", "forecast - target")):
-        axes[row, 0].set_ylabel(f"{name}\nnorth (m)", fontsize=8)
-    for image, first, last, name in ((black, 0, 1, "probability of occupied"), (error, 2, 2, "error")):
-        top, bottom = axes[first, -1].get_position(), axes[last, -1].get_position()
-        place = (top.x1 + 0.15 / width, bottom.y0, 0.14 / width, top.y1 - bottom.y0)
-        fig.colorbar(image, cax=fig.add_axes(place), label=name)
-    fig.suptitle(title, fontsize=10)
-    return fig
-
-
 def error_curve(curves: dict[str, tuple[Sequence[float], Sequence[float]]]) -> Figure:
     """MSE per horizon with a band of one standard error; `curves` maps a name to (mean, standard error)."""
     fig = figure(5.5, 3.6)
@@ -106,28 +77,6 @@ def error_curve(curves: dict[str, tuple[Sequence[float], Sequence[float]]]) -> F
     ax.legend()
     ax.grid(alpha=0.3)
     return fig
-
-
-def animation(target: Grid, forecast: Grid, given: int, scale: int = 2, milliseconds: int = 200) -> bytes:
-    """A GIF that plays a window: `target` (T, H, W) at the left, shown frames then `forecast` (T - given, H, W) right.
-
-    The right half gets an orange rim from the first forecast on.
-    """
-    right = np.concatenate([target[:given], forecast])
-    frames = []
-    for t in range(len(target)):
-        tiles = []
-        for grid, marked in ((target[t], False), (right[t], t >= given)):
-            grey = (255 * (1 - np.clip(grid, 0, 1))).astype(np.uint8).T[::-1]  # as a map: north up
-            tile = np.repeat(grey.repeat(scale, 0).repeat(scale, 1)[..., None], 3, axis=2)
-            rim = np.array([230, 159, 0] if marked else [150, 150, 150], np.uint8)
-            tile[:3] = tile[-3:] = rim
-            tile[:, :3] = tile[:, -3:] = rim
-            tiles.append(tile)
-        frames.append(Image.fromarray(np.concatenate(tiles, axis=1)))
-    out = io.BytesIO()
-    frames[0].save(out, "GIF", save_all=True, append_images=frames[1:], duration=milliseconds, loop=0)
-    return out.getvalue()
 
 
 def mapping_overview(labels: NDArray[np.uint8], mass: NDArray[np.float32]) -> Figure:
@@ -192,57 +141,3 @@ def ground_comparison(points: NDArray[np.float32], verdicts: dict[str, NDArray[n
         ax.legend(loc="upper right", fontsize=7)
     axes[0].set_ylabel("left (m)")
     return fig
-
-
-def comparison_strip(
-    target: Grid,
-    forecasts: Mapping[str, Grid],
-    horizons: Sequence[int],
-    pictures: Sequence[NDArray[np.uint8] | None] = (),
-    circled: Sequence[Sequence[Mover]] = (),
-    title: str = "",
-) -> Figure:
-    """The paper's results figure: camera, target and each method's forecast at some `horizons` (1 is the first).
-
-    Args:
-        target: (N, H, W).
-        forecasts: (N, H, W) by method.
-        horizons: the columns.
-        pictures: of the camera, (h, w) or (h, w, 3), one a column or None where the drive has none.
-        circled: what to point at in each column, in vermilion; the ego, at the centre, always is, in blue.
-        title: of the whole.
-    """
-    shown = [h for h in horizons if h <= len(target)]
-    camera = any(picture is not None for picture in pictures)
-    grids = {"target": target, **forecasts}
-    fig = figure(2.4 * len(shown) + 1.0, 2.3 * len(grids) + (1.1 if camera else 0.3))
-    heights = [0.45] * camera + [1.0] * len(grids)
-    axes = fig.subplots(len(heights), len(shown), squeeze=False, height_ratios=heights)
-    for column, h in enumerate(shown):
-        axes[0, column].set_title(horizon_name(h))
-        if camera:
-            axes[0, column].set_axis_off()
-            picture = pictures[column] if column < len(pictures) else None
-            if picture is not None:
-                axes[0, column].imshow(picture, cmap="gray")
-        marks = circled[column] if column < len(circled) else ()
-        for ax, (name, grid) in zip(axes[camera:, column], grids.items(), strict=True):
-            black = draw_grid(ax, grid[h - 1], cmap="gray_r", vmin=0, vmax=1)
-            _point_at(ax, marks, grid.shape[1] // 2)
-            ax.tick_params(labelsize=7)
-            error = "" if name == "target" else f"MSE {np.mean((grid[h - 1] - target[h - 1]) ** 2):.4f}"
-            ax.set_xlabel(f"{error}\neast (m)" if ax is axes[-1, column] else error, fontsize=8)
-            if column == 0:
-                ax.set_ylabel(f"{name}\nnorth (m)", fontsize=8)
-    fig.colorbar(black, ax=axes[camera:], label="probability of occupied", shrink=0.6)
-    fig.suptitle(title, fontsize=10)
-    return fig
-
-
-def _point_at(ax: Axes, marks: Sequence[Mover], half: int, resolution: float = GridSpec().resolution) -> None:
-    """Circle the ego, at the centre, and `marks`, in cells of a grid whose centre cell is `half`."""
-    ax.autoscale(False)
-    ax.add_patch(Circle((0, 0), EGO_CIRCLE, fill=False, color=SKY, linewidth=1.3))
-    for mark in marks:
-        centre = ((mark.i - half) * resolution, (mark.j - half) * resolution)
-        ax.add_patch(Circle(centre, mark.radius * resolution, fill=False, color=VERMILION, linewidth=1.3))

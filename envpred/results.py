@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 FORMAT = 1
 RESULT = "result.json"
 PERIOD = 0.1  # seconds between frames
+# The horizons that the paper's table names, as steps of 0.1 s: pictures and logs show them one by one.
+SHOWN_HORIZONS = (1, 5, 10, 15)
 
 
 def horizon_name(steps: int) -> str:
@@ -47,24 +49,9 @@ def write_test_result(
     forecaster: "Forecaster", folder: Path, metrics: Mapping[str, Any], seconds_per_window: float
 ) -> Path:
     """Write the result of a test run into its log `folder`; returns the file."""
-    trainer, data = forecaster.trainer, forecaster.dataset
-    horizons = data.length - data.given
     result = {
         "format": FORMAT,
-        "model": {
-            "name": short_name(type(forecaster).__name__),
-            "class_path": f"{type(forecaster).__module__}.{type(forecaster).__qualname__}",
-            "parameters": sum(p.numel() for p in forecaster.parameters()),
-            "flops": forecaster.flops(data.length, data.given),
-            "hyperparameters": dict(forecaster.hparams),
-        },
-        "variant": data.variant,
-        "data": data.describe("test"),
-        "seed": _seed(),
-        "revision": revision(),
-        "command": " ".join(["envpred", *sys.argv[1:]]),
-        "checkpoint": str(trainer.ckpt_path) if trainer.ckpt_path else None,
-        "horizon_s": [round(PERIOD * (h + 1), 3) for h in range(horizons)],
+        **provenance(forecaster, "test"),
         "metrics": metrics,
         "forecast_seconds_per_window": seconds_per_window,
     }
@@ -74,9 +61,31 @@ def write_test_result(
     return file
 
 
-def add_pictures(file: Path, pictures: Mapping[str, str]) -> None:
-    """Name pictures in the result `file`, by their paths from its folder."""
-    file.write_text(json.dumps(json.loads(file.read_text()) | {"pictures": dict(pictures)}, indent=1))
+def provenance(forecaster: "Forecaster", part: str) -> dict[str, Any]:
+    """How the forecasts of the windows of `part` were made: model, data, horizons, command, revision."""
+    trainer, data = forecaster.trainer, forecaster.dataset
+    return {
+        "model": {
+            "name": short_name(type(forecaster).__name__),
+            "class_path": f"{type(forecaster).__module__}.{type(forecaster).__qualname__}",
+            "parameters": sum(p.numel() for p in forecaster.parameters()),
+            "flops": forecaster.flops(data.length, data.given),
+            "hyperparameters": dict(forecaster.hparams),
+        },
+        "variant": data.variant,
+        "data": data.describe(part),
+        "seed": _seed(),
+        "revision": revision(),
+        "command": " ".join(["envpred", *sys.argv[1:]]),
+        "checkpoint": str(trainer.ckpt_path) if trainer.ckpt_path else None,
+        "horizon_s": [round(PERIOD * (h + 1), 3) for h in range(data.length - data.given)],
+    }
+
+
+def add_pictures(file: Path, pictures: Mapping[str, str], drawn: str) -> None:
+    """Name pictures, and the file of the forecasts that are `drawn`, in the result `file`, by paths from its folder."""
+    added = {"pictures": dict(pictures), "drawn": drawn}
+    file.write_text(json.dumps(json.loads(file.read_text()) | added, indent=1))
 
 
 def short_name(class_name: str) -> str:

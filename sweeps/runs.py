@@ -49,12 +49,13 @@ class Job:
     def is_done(self) -> bool:
         """Whether its result is there, of the grids as they are now."""
         try:
-            told = json.loads(self.result.read_text())["data"]["store_hash"]
+            told = json.loads(self.result.read_text())["data"]
         except (OSError, ValueError, KeyError):
             return False
         data = GridDataModule(**self.config["data"])
         data.setup("test")
-        return bool(told == data.describe("test")["store_hash"])
+        now = data.describe("test")
+        return all(told.get(content) == now[content] for content in ("store_hash", "input_hash"))
 
     def do(self) -> float:
         """Train and test; what an interruption left is gone on with.  Returns the seconds that it took.

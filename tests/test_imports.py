@@ -24,8 +24,11 @@ ALLOWED = {
     "store": {"store", "errors", "__version__"},
     "datamodules": {"datamodules", "store", "mapping", "errors"},
     "plots": {"mapping", "movers", "results"},
+    "scenes": {"movers", "errors"},
+    "forecast_pictures": {"mapping", "movers", "plots", "results", "scenes"},
+    "predictions": {"mapping", "scenes", "store", "errors"},
     "results": {"models", "__version__"},  # names alone, for types
-    "build": {"drives", "executors", "mapping", "store", "errors"},
+    "build": {"drives", "executors", "interrupts", "mapping", "store", "errors"},
     "executors": {"drives", "errors"},
     "models": {"models", "networks", "datamodules", "metrics", "results", "errors", "mapping.particle_forecast"},
 }

@@ -1,7 +1,7 @@
 """The LightningDataModule over a store of grids."""
 
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from lightning.pytorch import LightningDataModule
@@ -26,7 +26,8 @@ class GridDataModule(LightningDataModule):
     """Windows of precomputed grids, as one of the paper's input variants.
 
     Training draws random windows; validation and test take windows in order that do not overlap.  `frames` of a batch
-    (B, T, C, H, W) are the variant's channels, `occupancy` (B, T, H, W) is the probability that is judged.
+    (B, T, C, H, W) are the variant's channels, `occupancy` (B, T, H, W) is the probability that is judged.  Prediction
+    needs no targets: but for the test windows, its batches hold the frames shown and no more.
 
     Args:
         store: folder that `envpred grids` wrote.
@@ -45,6 +46,8 @@ class GridDataModule(LightningDataModule):
             learns the same from them, in a share of the time.  Validation and test see whole grids.
         num_workers: processes that read ahead; reading a window takes a millisecond or two, so none is usually best.
         seed: of the random windows.
+        predict: windows that are predicted, of the drives that test: the test windows, the newest `given` frames of
+            each drive, or all, one after every frame that is the last of `given` without a gap.
     """
 
     def __init__(
@@ -64,6 +67,7 @@ class GridDataModule(LightningDataModule):
         crop: int | None = None,
         num_workers: int = 0,
         seed: int = 0,
+        predict: Literal["test", "newest", "all"] = "test",
     ) -> None:
         super().__init__()
         if not 1 <= given < length:
@@ -74,7 +78,7 @@ class GridDataModule(LightningDataModule):
         self.selections = {"train": train, "val": val, "test": test}
         self.length, self.given, self.samples, self.val_windows = length, given, samples, val_windows
         self.batch_size, self.augment, self.num_workers, self.seed = batch_size, augment, num_workers, seed
-        self.crop = crop
+        self.predict, self.crop = predict, crop
         self.view = variant_of(variant)
         self.stretches: dict[str, list[Stretch]] = {}
         self.datasets: dict[str, WindowDataset] = {}
@@ -85,15 +89,15 @@ class GridDataModule(LightningDataModule):
             self.stretches = self._split(self._usable_drives())
         if self.crop is not None and not 1 <= self.crop <= self.cells:
             raise UserError(f"--data.crop {self.crop}: the grids have {self.cells} cells a side; give at most so many")
-        needed = {"fit": ("train", "val"), "validate": ("val",), "test": ("test",), "predict": ("test",)}[stage]
+        needed = {"fit": ("train", "val"), "validate": ("val",), "test": ("test",), "predict": ("predict",)}[stage]
         for part in needed:
             if part not in self.datasets:
                 extra = self._extra()
                 crop = self.crop if part == "train" else None
                 self.datasets[part] = WindowDataset(
-                    self._places(part, extra), self.view, self.length, self.given, extra, crop
+                    self._places(part, extra), self.view, self._frames(part), self.given, extra, crop
                 )
-                names = [str(stretch) for stretch in self.stretches[part]]
+                names = [str(stretch) for stretch in self._stretches(part)]
                 drives = ", ".join(names) if len(names) <= 8 else f"{len(names)} drives, {names[0]} to {names[-1]}"
                 rank_zero_info(f"{part}: {len(self.datasets[part])} windows of {drives}")
 
@@ -110,7 +114,7 @@ class GridDataModule(LightningDataModule):
         return self._loader(self.datasets["test"])
 
     def predict_dataloader(self) -> DataLoader[Window]:
-        return self._loader(self.datasets["test"])
+        return self._loader(self.datasets["predict"])
 
     def training_mean(self, windows: int = 50) -> float:
         """Mean probability of occupied over training windows in order, at most so many, spread evenly.
@@ -129,29 +133,43 @@ class GridDataModule(LightningDataModule):
         return int(drives[0].manifest["lattice"]["cells"])
 
     def describe(self, part: str) -> dict[str, Any]:
-        """What a result was measured on: split, drives, windows and hashes of what was read and of what is judged."""
+        """What a result was measured on: split, drives, windows and hashes of their content.
+
+        `store_hash` is of what is judged, the same for all variants; `input_hash` of what the variant reads beside it.
+        """
+        beside = sorted({*self.view.arrays} - {"evidence"})
         return {
             "store": self.store.name,
-            "store_hash": self._hash(part, {*self.view.arrays, "evidence"}),
-            "judged_hash": self._hash(part, {"evidence"}),
+            "store_hash": self._hash(part, ["evidence"]),
+            "input_hash": self._hash(part, beside) if beside else None,
             "variant": self.variant,
             "split": "custom" if any(self.selections.values()) else self.split,
             "part": part,
-            "drives": [str(stretch) for stretch in self.stretches[part]],
-            "window_rule": f"windows of {self.length} frames in order from the start of every run, no overlap",
+            "drives": [str(stretch) for stretch in self._stretches(part)],
+            "window_rule": self._window_rule(part),
             "length": self.length,
             "given": self.given,
             "windows": [[place.drive.name, place.start] for place in self.datasets[part].places],
         }
 
-    def _hash(self, part: str, arrays: set[str]) -> str:
-        """A hash of the content of `arrays` of the drives of `part`."""
-        return digest(
-            {
-                stretch.drive.name: [stretch.drive.manifest["arrays"][name]["checksum"] for name in sorted(arrays)]
-                for stretch in self.stretches[part]
-            }
-        )
+    def _hash(self, part: str, arrays: list[str]) -> str:
+        """A hash of some stored arrays of the drives of `part`."""
+        entries = {stretch.drive.name: stretch.drive.manifest["arrays"] for stretch in self._stretches(part)}
+        return digest({drive: [entry[name]["checksum"] for name in arrays] for drive, entry in entries.items()})
+
+    def _stretches(self, part: str) -> list[Stretch]:
+        """The stretches of `part`; what is predicted lies in those that test."""
+        return self.stretches["test" if part == "predict" else part]
+
+    def _frames(self, part: str) -> int:
+        """Frames in a window of `part`: where no targets are needed, those shown."""
+        return self.given if part == "predict" and self.predict != "test" else self.length
+
+    def _window_rule(self, part: str) -> str:
+        if self._frames(part) < self.length:
+            which = "newest of each drive" if self.predict == "newest" else "every start, overlapping"
+            return f"windows of {self.given} frames shown, {which}"
+        return f"windows of {self.length} frames in order from the start of every run, no overlap"
 
     def _epoch(self) -> int:
         return self.trainer.current_epoch if self.trainer is not None else 0
@@ -195,19 +213,26 @@ class GridDataModule(LightningDataModule):
         return getattr(forecaster, "extra", None)
 
     def _places(self, part: str, extra: str | None = None) -> list[Place]:
-        stretches = self.stretches[part]
+        stretches, length = self._stretches(part), self._frames(part)
+        argument = f"--data.{'test' if part == 'predict' else part}"
         if not stretches:
-            raise UserError(f"the split {self.split!r} leaves no drive to {part}; name some with --data.{part}")
+            raise UserError(f"the split {self.split!r} leaves no drive to {part}; name some with {argument}")
         for stretch in stretches:
             for name in (*self.view.arrays, *([extra] if extra else [])):
                 stretch.drive.array(name)  # an error here names the command that makes it
-        places = (every_window if part == "train" else windows_in_order)(stretches, self.length)
+        if part == "train" or length < self.length:
+            places = every_window(stretches, length)
+        else:
+            places = windows_in_order(stretches, length)
         if not places:
             longest = max((n for s in stretches for _, n in s.runs()), default=0)
+            smaller = "--data.length" if length == self.length else "--data.given"
             raise UserError(
-                f"no window of {self.length} frames fits into {', '.join(map(str, stretches))}, whose longest stretch "
-                f"without a gap has {longest}; give a smaller --data.length or other drives as --data.{part}"
+                f"no window of {length} frames fits into {', '.join(map(str, stretches))}, whose longest stretch "
+                f"without a gap has {longest}; give a smaller {smaller} or other drives as {argument}"
             )
+        if part == "predict" and self.predict == "newest":
+            places = list({place.drive.name: place for place in sorted(places, key=lambda p: p.start)}.values())
         if part == "val" and len(places) > self.val_windows:
             places = [places[k] for k in np.linspace(0, len(places) - 1, self.val_windows).round().astype(int)]
         return places

@@ -18,9 +18,9 @@ class LastFrame(Forecaster):
         super().__init__(variant, given)
         self.save_hyperparameters()
 
-    def forecast(self, batch: WindowBatch, given: int = 5) -> Tensor:
-        occupancy = batch["occupancy"]
-        return occupancy[:, given - 1 : given].expand_as(occupancy[:, given:])
+    def forecast(self, batch: WindowBatch, given: int = 5, horizons: int | None = None) -> Tensor:
+        last = batch["occupancy"][:, given - 1 : given]
+        return last.expand(-1, _horizons(batch, given, horizons), -1, -1)
 
 
 class ParticleForecast(Forecaster):
@@ -37,11 +37,12 @@ class ParticleForecast(Forecaster):
         horizons = self.dataset.length - self.dataset.given
         if horizons > HORIZONS:
             raise UserError(
-                f"particle forecasts reach {HORIZONS} frames, windows ask for {horizons}; shorten --data.length"
+                f"particle forecasts reach {HORIZONS} frames, windows ask for {horizons}; give "
+                f"--data.length {self.dataset.given + HORIZONS} or less"
             )
 
-    def forecast(self, batch: WindowBatch, given: int = 5) -> Tensor:
-        return batch["extra"][:, : batch["occupancy"].shape[1] - given].float() / 255
+    def forecast(self, batch: WindowBatch, given: int = 5, horizons: int | None = None) -> Tensor:
+        return batch["extra"][:, : _horizons(batch, given, horizons)].float() / 255
 
 
 class _Moved(Forecaster):
@@ -61,33 +62,47 @@ class _Moved(Forecaster):
         self.fill = 0.5 if fill is None else fill
 
     @abstractmethod
-    def centres(self, batch: WindowBatch, given: int) -> Tensor:
-        """Lattice cells (B, T - given, 2) at the centres of the future grids."""
+    def centres(self, batch: WindowBatch, given: int, horizons: int) -> Tensor:
+        """Lattice cells (B, horizons, 2) at the centres of the future grids."""
 
     def setup(self, stage: str) -> None:
         super().setup(stage)
         if self.hparams["fill"] is None:
             self.fill = self.dataset.training_mean()
 
-    def forecast(self, batch: WindowBatch, given: int = 5) -> Tensor:
+    def forecast(self, batch: WindowBatch, given: int = 5, horizons: int | None = None) -> Tensor:
         last = batch["occupancy"][:, given - 1]
-        shift = self.centres(batch, given) - batch["centre_cell"][:, given - 1 : given]
+        centres = self.centres(batch, given, _horizons(batch, given, horizons))
+        shift = centres - batch["centre_cell"][:, given - 1 : given]
         return torch.stack([_move(grid, moves, self.fill) for grid, moves in zip(last, shift, strict=True)])
 
 
 class MovedLastFrame(_Moved):
     """Moved by the ego's constant speed and turn rate over the frames shown: what the ego's own motion explains."""
 
-    def centres(self, batch: WindowBatch, given: int) -> Tensor:
-        future = extrapolate(batch["pose"][:, :given].double(), batch["occupancy"].shape[1] - given)
+    def centres(self, batch: WindowBatch, given: int, horizons: int) -> Tensor:
+        future = extrapolate(batch["pose"][:, :given].double(), horizons)
         return torch.floor(future[..., :2] + 0.5).to(batch["centre_cell"].dtype)
 
 
 class MovedLastFrameOracle(_Moved):
     """Moved by the ego's true motion, which no forecaster knows: what perfect odometry would explain."""
 
-    def centres(self, batch: WindowBatch, given: int) -> Tensor:
-        return batch["centre_cell"][:, given:]
+    def setup(self, stage: str) -> None:
+        if stage == "predict" and self.dataset.predict != "test":
+            raise UserError(
+                "the oracle reads the ego's true motion, which windows without targets do not have; give "
+                "--data.predict test, or --config configs/model/moved_last_frame.yaml"
+            )
+        super().setup(stage)
+
+    def centres(self, batch: WindowBatch, given: int, horizons: int) -> Tensor:
+        return batch["centre_cell"][:, given : given + horizons]
+
+
+def _horizons(batch: WindowBatch, given: int, horizons: int | None) -> int:
+    """Forecasts asked for, by default one for each frame of the batch after those shown."""
+    return batch["occupancy"].shape[1] - given if horizons is None else horizons
 
 
 def extrapolate(poses: Tensor, steps: int) -> Tensor:

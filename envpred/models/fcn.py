@@ -51,13 +51,14 @@ class FCNForecaster(Forecaster):
         if horizons > self.hparams["horizons"]:
             raise UserError(
                 f"--model.horizons {self.hparams['horizons']}: windows of {self.dataset.length} frames with "
-                f"{self.dataset.given} shown need {horizons} forecasts; give a smaller --data.length"
+                f"{self.dataset.given} shown need {horizons} forecasts; give "
+                f"--data.length {self.dataset.given + self.hparams['horizons']} or less"
             )
 
-    def forecast(self, batch: WindowBatch, given: int = 5) -> Tensor:
+    def forecast(self, batch: WindowBatch, given: int = 5, horizons: int | None = None) -> Tensor:
         frames = batch["frames"]
         maps: Tensor = self.network(frames[:, given - 1])
-        return maps[:, : frames.shape[1] - given]
+        return maps[:, : frames.shape[1] - given if horizons is None else horizons]
 
     def training_step(self, batch: WindowBatch, batch_index: int) -> Tensor:
         loss = (self.forecast(batch, self.given) - batch["occupancy"][:, self.given :]).abs().mean()

@@ -4,12 +4,13 @@ import time
 from abc import abstractmethod
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import torch
 from lightning.pytorch import LightningModule
 from lightning.pytorch.utilities import rank_zero_info
 from torch import Tensor
+from torch.utils.flop_counter import FlopCounterMode
 from torchmetrics import MetricCollection
 
 from envpred.datamodules import GridDataModule, WindowBatch
@@ -17,10 +18,7 @@ from envpred.datamodules.variants import variant as variant_of
 from envpred.errors import UserError
 from envpred.metrics.collection import forecast_metrics
 from envpred.metrics.horizon_mse import HorizonMSE
-from envpred.results import horizon_name, write_test_result
-
-# The horizons that the paper's table names, as steps of 0.1 s; they are logged one by one.
-SHOWN_HORIZONS = (1, 5, 10, 15)
+from envpred.results import SHOWN_HORIZONS, horizon_name, write_test_result
 
 
 class Forecaster(LightningModule):
@@ -44,8 +42,12 @@ class Forecaster(LightningModule):
         self.forecast_seconds = 0.0
 
     @abstractmethod
-    def forecast(self, batch: WindowBatch, given: int = 5) -> Tensor:
-        """Probability of occupied (B, T - given, H, W) in [0, 1] of the frames after the first `given`."""
+    def forecast(self, batch: WindowBatch, given: int = 5, horizons: int | None = None) -> Tensor:
+        """Probability of occupied (B, horizons, H, W) in [0, 1] of the frames after the first `given`.
+
+        By default of as many as the batch holds after those; a forecaster that reads the `given` frames alone may be
+        asked for any number, of a batch that holds no more.
+        """
 
     def configure_optimizers(self) -> torch.optim.Optimizer | None:
         """The optimiser; a forecaster without parameters has none."""
@@ -57,8 +59,18 @@ class Forecaster(LightningModule):
         return 0
 
     def flops(self, length: int, given: int) -> int | None:
-        """Floating-point operations of the forecast of one window of `length` frames (a multiply-add is two)."""
-        return None
+        """Floating-point operations of the forecast of one window of `length` frames (a multiply-add is two).
+
+        Those of convolutions and matrix products, counted as they run; None where nothing is learned.
+        """
+        if not any(True for _ in self.parameters()):
+            return None
+        cells = self.dataset.cells
+        frames = torch.zeros(1, length, len(self.view.channels), cells, cells, device=self.device)
+        batch = cast(WindowBatch, {"frames": frames, "occupancy": frames[:, :, 0]})
+        with torch.no_grad(), FlopCounterMode(display=False) as counter:
+            self.forecast(batch, given)
+        return int(counter.get_total_flops())
 
     @property
     def dataset(self) -> GridDataModule:
@@ -119,11 +131,12 @@ class Forecaster(LightningModule):
         self.forecast_seconds = 0.0
 
     def predict_step(self, batch: WindowBatch, batch_index: int) -> Mapping[str, Any]:
-        """The forecast (B, T - given, H, W) of a batch, and which windows it belongs to."""
+        """The forecast (B, horizons, H, W) of a batch, and which windows it belongs to."""
         return {
-            "forecast": self.forecast(batch, self.given),
+            "forecast": self.forecast(batch, self.given, self.dataset.length - self.dataset.given),
             "drive": batch["drive"],
             "start": batch["start"],
+            "index": batch["index"],
         }
 
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:

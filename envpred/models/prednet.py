@@ -96,9 +96,10 @@ class PredNetForecaster(Forecaster):
         training = self.trainer.state.fn == TrainerFn.FITTING
         return "t1" if training and self.trainer.current_epoch < self.hparams["t1_epochs"] else "t5"
 
-    def forecast(self, batch: WindowBatch, given: int = 5) -> Tensor:
+    def forecast(self, batch: WindowBatch, given: int = 5, horizons: int | None = None) -> Tensor:
         frames = batch["frames"]
-        predictions = self.network(frames[:, :given], given=given, steps=frames.shape[1])
+        steps = frames.shape[1] if horizons is None else given + horizons
+        predictions = self.network(frames[:, :given], given=given, steps=steps)
         return self.view.probability(predictions[:, given:]).clamp(0, 1)
 
     def t1_loss(self, frames: Tensor) -> Tensor:

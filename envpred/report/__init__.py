@@ -3,10 +3,12 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+from envpred.forecast_pictures import scene_animation, scene_strip
 from envpred.plots import save
 from envpred.report.curves import error_curves, reliability_diagram
 from envpred.report.page import Picture, page, pictures_of
-from envpred.report.runs import read_runs
+from envpred.report.pictures import compared_scenes
+from envpred.report.runs import Run, read_runs
 from envpred.report.tables import (
     comparisons,
     methods,
@@ -20,6 +22,7 @@ from envpred.report.tables import (
     shown_columns,
     variants_table,
 )
+from envpred.scenes import Scene
 
 PAGE = "report.html"
 
@@ -45,7 +48,7 @@ def report(runs: Sequence[Path], out: Path) -> Path:
         UserError: if a result is missing, damaged, partial, stale or of other windows; nothing is written.
     """
     read = read_runs(runs)
-    pictures = pictures_of(read)
+    pictures, scenes = pictures_of(read), compared_scenes(read)
     pairs = comparisons(methods(read), shown_columns(read[0]))
     tables = (methods_table(read, pairs), variants_table(read), ratio_table(read), moved_ratio_table(read))
     measured = [table for table in tables if table is not None]
@@ -65,5 +68,20 @@ def report(runs: Sequence[Path], out: Path) -> Path:
     for name, (heading, drawn) in figures.items():
         save(drawn, out / f"{name}.pdf")
         curves[heading] = Picture.read(save(drawn, out / f"{name}.png"), CAPTIONS[name])
-    (out / PAGE).write_text(page(read, measured, published, appendix, curves, pictures))
+    compared = _compared(scenes, read, out)
+    (out / PAGE).write_text(page(read, measured, published, appendix, curves, compared, pictures))
     return out / PAGE
+
+
+def _compared(scenes: Sequence[Scene], runs: Sequence[Run], out: Path) -> list[Picture]:
+    """A strip and an animation of each scene, every method beside the others, written into `out` too."""
+    without = [run.label for run in runs if scenes and run.label not in scenes[0].forecasts]
+    lacking = f" Without {', '.join(without)}, whose test kept no forecasts." if without else ""
+    pictures = []
+    for n, scene in enumerate(scenes):
+        strip, gif = out / f"window_{n}.png", out / f"window_{n}.gif"
+        save(scene_strip(scene), strip)
+        gif.write_bytes(scene_animation(scene))
+        pictures.append(Picture.read(strip, f"{scene.where}: target and forecasts.{lacking}"))
+        pictures.append(Picture.read(gif, f"{scene.where}: what was seen, then target and forecasts.{lacking}"))
+    return pictures

@@ -58,11 +58,15 @@ class Picture:
 
 
 def pictures_of(runs: Sequence[Run]) -> list[Picture]:
-    """The strips and animations that the runs' results name, by paths relative to the result file."""
+    """The strips and animations that the runs' results name, by paths relative to the result file.
+
+    A run that kept its forecasts is animated beside the others, and not by itself as well.
+    """
     return [
         Picture.read(run.file.parent / path, f"{run.label}: {name.replace('_', ' ')}")
         for run in runs
         for name, path in (run.record.get("pictures") or {}).items()
+        if not (run.record.get("drawn") and path.endswith(".gif"))
     ]
 
 
@@ -72,18 +76,26 @@ def page(
     published: Sequence[Table],
     appendix: Sequence[Table],
     curves: Mapping[str, Picture],
+    compared: Sequence[Picture],
     pictures: Sequence[Picture],
 ) -> str:
-    """The page: `measured` tables, `curves` by heading, `published` tables set apart, `pictures`, the `appendix`."""
+    """The page: `measured` tables, `curves` by heading, `published` tables set apart, pictures, the `appendix`.
+
+    `compared` are the pictures that show all methods, `pictures` those of single runs.
+    """
     parts = ["<h2>Measured on</h2>", _data(runs[0]), "<h2>Results</h2>"]
     parts += [_section(table) for table in measured]
     parts += [f"<h2>{html.escape(heading)}</h2>{picture.html()}" for heading, picture in curves.items()]
     parts.append('<h2>Published numbers, for comparison</h2><div class="published">')
     parts += [_section(table) for table in published]
     parts.append("</div>")
+    if compared:
+        parts.append("<h2>Forecasts of the same windows</h2>")
+        parts += [picture.html() for picture in compared]
     if pictures:
-        parts.append("<h2>Forecasts</h2>")
+        parts.append("<details><summary>Forecasts of each run, with their errors</summary>")
         parts += [picture.html() for picture in pictures]
+        parts.append("</details>")
     parts.append("<h2>Details</h2>")
     parts += [_section(table) if len(table.rows) <= LONG else _folded(table) for table in appendix]
     body = "\n".join(parts)

@@ -16,7 +16,7 @@ FloatArray = NDArray[np.float64]
 
 # What two results must agree in to be compared, as data -> what a user calls it.
 SAME_DATA = {
-    "judged_hash": "grids",  # what is forecast; inputs may differ, or no two variants could be compared
+    "store_hash": "grids",
     "split": "split",
     "given": "number of frames shown",
     "length": "window length",
@@ -150,12 +150,17 @@ def _check_comparable(first: Run, other: Run) -> None:
     for key, what in SAME_DATA.items():
         here, there = first.data.get(key), other.data.get(key)
         if here != there:
-            stale = " (built again since, or another store)" if key == "judged_hash" else ""
-            shown = "" if key in ("windows", "judged_hash") else f": {there} against {here}"
+            stale = " (built again since, or another store)" if key == "store_hash" else ""
+            shown = "" if key in ("windows", "store_hash") else f": {there} against {here}"
             raise UserError(
                 f"{other.file}: other {what}{shown}{stale} than {first.file}; "
                 "a report compares runs on the same windows: test both on the same data, or report them apart"
             )
+    if first.variant == other.variant and first.data.get("input_hash") != other.data.get("input_hash"):
+        raise UserError(
+            f"{other.file}: other velocities (built again since, or another store) than {first.file}, though both read "
+            f"{first.variant}; run `envpred test` again for both"
+        )
     if not np.array_equal(first.horizon_s, other.horizon_s):
         missing = sorted(set(first.horizon_s) ^ set(other.horizon_s))
         raise UserError(f"{other.file}: other horizons than {first.file}; {missing} s are in one of them only")

@@ -6,6 +6,7 @@ import shutil
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
@@ -59,7 +60,7 @@ def config(name: str) -> Path:
 
 def small(store: Path, *more: str) -> list[str]:
     """A PredNet that trains in a second."""
-    quick = ["--model.channels=[4]", "--model.t1_epochs=1", "--model.t5_epochs=1", "--data.samples=2"]
+    quick = ["--model.channels=[4]", "--model.t1_epochs=1", "--model.t5_epochs=1", "--data.samples=2", "--data.crop=16"]
     return configured(config("model/prednet_small.yaml"), config("data/dst_static.yaml"), store, *quick, *more)
 
 
@@ -75,8 +76,11 @@ def failure(args: list[str], capsys: pytest.CaptureFixture[str]) -> str:
 
 
 @pytest.mark.parametrize(("model", "data"), PAIRS)
-def test_every_configuration_fits_tests_and_predicts(model: Path, data: Path, store: Path) -> None:
-    one_window = ["--data.samples=1", "--data.batch_size=1", "--data.val=[b@-20]", "--data.test=[c@-20]"]
+def test_every_configuration_fits_tests_and_predicts(
+    model: Path, data: Path, store: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    one_window = ["--data.samples=1", "--data.batch_size=1", "--data.crop=32"]
+    one_window += ["--data.val=[b@-20]", "--data.test=[c@-20]"]
     args = configured(model, data, store, *one_window)
     trains = "epochs" in model.read_text()
     if trains:
@@ -85,6 +89,13 @@ def test_every_configuration_fits_tests_and_predicts(model: Path, data: Path, st
     main(["test", *args, *checkpoint])
     main(["predict", *args, *checkpoint])
     (result,) = Path("runs").rglob(RESULT)
+    assert len(list(Path("runs").rglob("predictions/c/*.npy"))) == 1
+    newest = [*args, *checkpoint, "--data.predict=newest", "--predictions.folder=newest"]
+    if model.stem == "moved_last_frame_oracle":
+        assert "true motion" in failure(["predict", *newest], capsys)
+    else:
+        main(["predict", *newest])
+        assert json.loads(Path("newest/manifest.json").read_text())["windows"][0]["frames"] == list(range(15, 20))
     found = json.loads(result.read_text())
     assert len(found["metrics"]["mse"]["mean"]) == 15
     assert found["variant"] == data.stem
@@ -100,7 +111,7 @@ def test_tensorboard_shows_what_a_run_did(store: Path) -> None:
     assert {"lr", "stage", "val/mse_0.1s", "val/mse_1.5s", "val/loss_t1", "val/loss_t5", "final/val_mse"} <= scalars
     assert [event.value for event in events.Scalars("stage")] == [0.0, 1.0]
     images = events.Tags()["images"]
-    assert {"window_0/forecast", "window_1/forecast", "window_0/animation"} <= set(images)
+    assert {"window_0/forecast", "window_1/forecast", "window_0/comparison", "window_0/animation"} <= set(images)
     assert events.Images("window_0/animation")[-1].encoded_image_string.startswith(b"GIF89a")
     reference = EventAccumulator(str(run / "static_baseline")).Reload()
     assert "val/mse_1.5s" in reference.Tags()["scalars"]
@@ -158,6 +169,38 @@ def test_variants_without_velocities_name_the_command(tmp_path: Path, capsys: py
     assert "--dogma true" in line
     particles = configured(config("model/particle_forecast.yaml"), config("data/dst_static.yaml"), plain)
     assert "'particle_forecast'" in failure(["test", *particles], capsys)
+
+
+def test_predictions_without_targets_over_another_horizon(store: Path) -> None:
+    """What a user with a newly mapped drive does: fit, forecast its last frames over 2.5 s, look."""
+    main(["fit", *small(store)])
+    newest = ["--data.predict=newest", "--data.test=[a, c]", "--data.length=30", "--ckpt_path=best"]
+    main(["predict", *small(store, *newest)])
+    (manifest,) = Path("runs").rglob("manifest.json")  # by default in the run's folder
+    found = json.loads(manifest.read_text())
+    assert [(w["drive"], w["frames"][-1], w["targets"]) for w in found["windows"]] == [("a", 39, 0), ("c", 39, 0)]
+    assert found["horizon_s"][-1] == 2.5
+    assert found["checkpoint"].endswith("version_0/checkpoints/best.ckpt")
+    assert np.load(manifest.parent / found["windows"][1]["file"]).shape == (25, 32, 32)
+    main(["draw", str(manifest.parent.parent), "--window=1", "--store", str(store), "--out=c.png"])
+    assert Path("c.png").stat().st_size > 10_000
+
+
+def test_a_report_of_all_variants_shows_them_on_the_same_windows(store: Path) -> None:
+    """Static grids and those with velocities are judged on the same evidence, so one report takes both."""
+    for data in ("dst_static", "dst_dogma"):
+        main(["test", *configured(config("model/last_frame.yaml"), config(f"data/{data}.yaml"), store)])
+    main(["test", *configured(config("model/particle_forecast.yaml"), STATIC, store)])
+    main(["report", "runs", "--out", "report"])
+    page = Path("report/report.html").read_text()
+    assert "c, frame 4: target and forecasts." in page
+    assert "kept no forecasts" not in page
+    runs = [str(file.parent) for file in sorted(Path("runs").rglob(RESULT))]
+    main(["draw", *runs, "--window=1", "--out", "runs.gif"])  # test runs, from the forecasts that they kept
+    assert Path("runs.gif").stat().st_size > 10_000
+    for label in ("last_frame (dst_static)", "last_frame (dst_dogma)", "particle_forecast (dst_static)"):
+        assert label in page
+    assert {"window_0.png", "window_0.gif", "window_1.png"} <= {file.name for file in Path("report").iterdir()}
 
 
 def test_verify_finds_a_changed_byte(store: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

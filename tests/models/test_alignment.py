@@ -23,7 +23,7 @@ class Seer(Forecaster):
         super().__init__("dst_static", given=3)
         self.late = late
 
-    def forecast(self, batch: WindowBatch, given: int = 5) -> Tensor:
+    def forecast(self, batch: WindowBatch, given: int = 5, horizons: int | None = None) -> Tensor:
         frames = batch["occupancy"]
         looked_up = torch.arange(given, frames.shape[1]) - self.late
         return frames[:, looked_up]

@@ -3,10 +3,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 from numpy.typing import NDArray
+from torch import Tensor, nn
 
+from envpred.datamodules import WindowBatch
 from envpred.mapping.evidence import pignistic
 from envpred.models import LastFrame
+from envpred.models.forecaster import Forecaster
 from envpred.results import RESULT, short_name
 from envpred.store import Store
 from tests.models.trainers import grids, prednet, trainer
@@ -65,6 +69,25 @@ def test_predictions_say_where_they_belong(store: Path, tmp_path: Path) -> None:
     assert out is not None
     assert [(p["drive"], p["start"].tolist()) for p in out][3:] == [(["c"], [0]), (["c"], [8]), (["c"], [16])]  # type: ignore[call-overload]
     assert out[0]["forecast"].shape == (1, 5, 16, 16)  # type: ignore[call-overload]
+
+
+class OneConvolution(Forecaster):
+    """A kernel of 3 x 3 over the last frame, for each horizon alike."""
+
+    def __init__(self) -> None:
+        super().__init__("dst_static", given=3)
+        self.kernel = nn.Conv2d(2, 1, 3, padding=1)
+
+    def forecast(self, batch: WindowBatch, given: int = 5, horizons: int | None = None) -> Tensor:
+        steps = batch["frames"].shape[1] - given if horizons is None else horizons
+        return torch.cat([self.kernel(batch["frames"][:, given - 1]) for _ in range(steps)], 1)
+
+
+def test_work_is_counted(store: Path, tmp_path: Path) -> None:
+    """Five forecasts of 16 x 16 cells, each of 9 x 2 multiply-adds; a baseline without weights has no such number."""
+    for model, work in ((OneConvolution(), 2 * 5 * 16 * 16 * 9 * 2), (LastFrame(given=3), None)):
+        trainer(tmp_path).test(model, datamodule=grids(store, test=["c"]), verbose=False)
+        assert json.loads((tmp_path / RESULT).read_text())["model"]["flops"] == work
 
 
 def test_short_names() -> None:

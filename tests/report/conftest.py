@@ -13,8 +13,10 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from envpred.report import report
+from envpred.scenes import Scene, write_scenes
 
 HORIZONS, WINDOWS = 15, 30
+DRAWN_WINDOWS = (0, WINDOWS - 1)
 Values = NDArray[np.float64]
 MakeRun = Callable[..., Path]
 
@@ -60,8 +62,7 @@ def record(name: str, variant: str, level: float, seed: int = 0) -> dict[str, An
         "variant": variant,
         "data": {
             "store": "grids",
-            "store_hash": f"abc123 {variant}",
-            "judged_hash": "abc123",
+            "store_hash": "abc123",
             "variant": variant,
             "split": "auto",
             "part": "test",
@@ -91,6 +92,21 @@ def record(name: str, variant: str, level: float, seed: int = 0) -> dict[str, An
         "forecast_seconds_per_window": 0.25,
         "pictures": {},
     }
+
+
+def draw_windows(folder: Path) -> None:
+    """Keep the forecasts of two windows beside the result in `folder`, with the errors that it tells."""
+    result = json.loads((folder / "result.json").read_text())
+    scenes = {}
+    for index in DRAWN_WINDOWS:
+        drive, start = result["data"]["windows"][index]
+        grids = np.random.default_rng(index).uniform(0.3, 0.6, (20, 16, 16)).astype(np.float32)
+        wrong = np.sqrt(result["metrics"]["mse"]["per_window"][index]).astype(np.float32)
+        forecast = grids[5:] + wrong[:, None, None]
+        frames = tuple(range(start, start + 5))
+        scenes[index] = Scene(drive, frames, grids[:5], grids[5:], np.zeros((20, 2), np.int64), {"forecast": forecast})
+    write_scenes(folder / "drawn.npz", scenes)
+    (folder / "result.json").write_text(json.dumps(result | {"drawn": "drawn.npz"}))
 
 
 def animation() -> bytes:
@@ -125,14 +141,18 @@ def make_run(tmp_path: Path) -> MakeRun:
 
 @pytest.fixture(scope="session")
 def all_runs(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
-    """One run of every made-up method, the first with a strip and an animation."""
+    """One run of every made-up method, the ends with a strip and an animation, all but the last with forecasts."""
     root = tmp_path_factory.mktemp("runs")
     pictures = {"strip": "strip.png", "animation of window 0": "window.gif"}
-    folders = [written(root, "prednet", "dst_static", change=lambda r: r.update(pictures=pictures))]
-    Image.fromarray(np.full((30, 90), 128, np.uint8)).save(folders[0] / "strip.png")
-    (folders[0] / "window.gif").write_bytes(animation())
-    rest = list(LEVEL_OF)[1:]
-    return folders + [written(root, name, variant, seed=n + 1) for n, (name, variant) in enumerate(rest)]
+    folders = [written(root, name, variant, seed=n) for n, (name, variant) in enumerate(LEVEL_OF)]
+    for folder in (folders[0], folders[-1]):
+        Image.fromarray(np.full((30, 90), 128, np.uint8)).save(folder / "strip.png")
+        (folder / "window.gif").write_bytes(animation())
+        result = json.loads((folder / "result.json").read_text())
+        (folder / "result.json").write_text(json.dumps(result | {"pictures": pictures}))
+    for folder in folders[:-1]:
+        draw_windows(folder)
+    return folders
 
 
 @pytest.fixture(scope="session")

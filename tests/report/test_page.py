@@ -8,8 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from PIL import Image
 
 from envpred.report import report
+from envpred.report.pictures import compared_scenes
+from envpred.report.runs import read_runs
 
 BROWSER = shutil.which("chromium") or shutil.which("google-chrome")
 FLAGS = [
@@ -56,18 +59,29 @@ def test_page_in_a_browser(page: Path, tmp_path: Path) -> None:
     alone.parent.mkdir()
     shutil.copy(page, alone)  # self-contained: nothing beside it is needed
     seen = browse(alone, tmp_path / "profile")
-    assert [alt.split(",")[0].split(":")[-1].strip() for alt, _, _ in seen["images"]][2:] == [
-        "strip",
-        "animation of window 0",
+    captions = [alt for alt, _, _ in seen["images"]]
+    lacking = "Without particle_filter (dst_dogma), whose test kept no forecasts."
+    assert captions[2:6] == [
+        f"{place}: {kind} {lacking}"
+        for place in ("drive_a, frame 4", "drive_a, frame 584")
+        for kind in ("target and forecasts.", "what was seen, then target and forecasts.")
     ]
-    assert len(seen["images"]) == 4
+    assert captions[6:] == [
+        "prednet (dst_static): strip",
+        "particle_filter (dst_dogma): strip",
+        "particle_filter (dst_dogma): animation of window 0",
+    ]
     assert all(complete and width > 0 for _, complete, width in seen["images"])
-    assert [width for _, _, width in seen["images"]][2:] == [90, 80]
+    widths = [width for _, _, width in seen["images"]]
+    assert widths[6:] == [90, 90, 80]
+    with Image.open(page.with_name("window_0.png")) as strip, Image.open(page.with_name("window_0.gif")) as moving:
+        assert widths[2:4] == [strip.width, moving.width]
+        assert getattr(moving, "n_frames", 1) == 20  # five shown, fifteen forecast
     assert seen["empty"] == 0
     assert seen["wide"] <= 0
     assert seen["loaded"] == []
-    for heading in ("All methods", "Table I: PredNet by input variant", "Reliability", "Forecasts", "Models"):
-        assert heading in seen["headings"]
+    headings = {"All methods", "Table I: PredNet by input variant", "Reliability", "Models"}
+    assert headings | {"Forecasts of the same windows"} <= set(seen["headings"])
 
 
 def test_page_names_nothing_outside_itself(page: Path) -> None:
@@ -86,10 +100,17 @@ def test_files(page: Path) -> None:
     tables = ("methods", "table_1", "ratios", "published_table_1", "iou", "pairs", "models")
     assert {f"{table}.{ending}" for table in tables for ending in ("md", "csv", "tex")} <= names
     assert {"error.png", "error.pdf", "reliability.png", "reliability.pdf", "report.html"} <= names
+    assert {f"window_{n}.{ending}" for n in (0, 1) for ending in ("png", "gif")} <= names
+
+
+def _drawn_methods(run: Path) -> list[str]:
+    (first, _) = compared_scenes(read_runs([run]))
+    return list(first.forecasts)
 
 
 def test_one_baseline_alone_makes_a_report(all_runs: list[Path], tmp_path: Path) -> None:
     fcn = all_runs[4]
+    assert "static" in _drawn_methods(fcn)  # the baseline is drawn too, where no run is it
     text = report([fcn], tmp_path / "out").read_text()
     assert "fcn (prob_dogma)" in text
     assert not (tmp_path / "out" / "table_1.md").exists()

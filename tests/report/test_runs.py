@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,8 @@ import pytest
 from envpred.errors import UserError
 from envpred.report import report
 from envpred.report.runs import read_runs
+from envpred.scenes import read_scenes, write_scenes
+from tests.report.conftest import draw_windows
 
 MakeRun = Callable[..., Path]
 Record = dict[str, Any]
@@ -58,13 +61,14 @@ def cut_horizons(record: Record) -> None:
 
 
 MIXED = {
-    "other grids .built again since": mend("judged_hash", "other"),
+    "other grids .built again since": mend("store_hash", "other"),
     "other split: paper against auto": mend("split", "paper"),
     "other number of frames shown: 4 against 5": mend("given", 4),
     "other window length: 25 against 20": mend("length", 25),
     "other test drives": mend("drives", ["drive_c"]),
     "other test windows": mend("windows", [["drive_a", 7 * n] for n in range(30)]),
     "other horizons": cut_horizons,
+    "other window rule": mend("window_rule", "every window"),
     "static baseline differs": lambda r: r["metrics"].update(static_mse=r["metrics"]["mse"]),
 }
 
@@ -76,6 +80,60 @@ def test_mixed_results_are_refused(make_run: MakeRun, tmp_path: Path, reason: st
         report([one, two], tmp_path / "out")
     assert str(two) in str(refusal.value)
     assert not (tmp_path / "out").exists()
+
+
+def test_other_velocities_of_the_same_variant_are_refused(make_run: MakeRun, tmp_path: Path) -> None:
+    """What is judged is the same for all variants, so only what reads velocities tells that they were built anew."""
+    one = make_run("prednet", "prob_dogma", change=mend("input_hash", "first"))
+    again = make_run("fcn", "prob_dogma", change=mend("input_hash", "second"))
+    static = make_run("prednet", "prob_static", change=mend("input_hash", None))
+    read_runs([one, static])
+    with pytest.raises(UserError, match=r"other velocities \(built again since") as refusal:
+        report([one, again], tmp_path / "out")
+    assert str(again) in str(refusal.value)
+    assert not (tmp_path / "out").exists()
+
+
+def swap_windows(folder: Path) -> None:
+    result = json.loads((folder / "result.json").read_text())
+    result["metrics"]["mse"]["per_window"].reverse()
+    (folder / "result.json").write_text(json.dumps(result))
+
+
+def cut_file(folder: Path) -> None:
+    file = folder / "drawn.npz"
+    file.write_bytes(file.read_bytes()[:-100])
+
+
+DRAWN: dict[str, Callable[[Path], object]] = {
+    r"drawn\.npz: missing or damaged": lambda folder: (folder / "drawn.npz").unlink(),
+    r"drawn\.npz: missing or damaged, though": cut_file,
+    "holds other forecasts than .*result.json judged": swap_windows,
+}
+
+
+@pytest.mark.parametrize("reason", DRAWN)
+def test_forecasts_that_do_not_fit_their_result_are_refused(make_run: MakeRun, tmp_path: Path, reason: str) -> None:
+    folder = make_run()
+    draw_windows(folder)
+    DRAWN[reason](folder)
+    with pytest.raises(UserError, match=reason) as refusal:
+        report([folder], tmp_path / "out")
+    assert str(folder) in str(refusal.value)
+    assert not (tmp_path / "out").exists()
+
+
+def test_forecasts_judged_on_other_grids_are_refused(make_run: MakeRun, tmp_path: Path) -> None:
+    one, two = make_run(), make_run("fcn", "prob_dogma")
+    for folder in (one, two):
+        draw_windows(folder)
+    scenes = read_scenes(two / "drawn.npz", "fcn")
+    lower = {
+        k: replace(s, target=s.target - 0.1, forecasts={"fcn": s.forecasts["fcn"] - 0.1}) for k, s in scenes.items()
+    }
+    write_scenes(two / "drawn.npz", lower)
+    with pytest.raises(UserError, match=r"fcn \(prob_dogma\) was judged on other grids of drive_a, frame 4"):
+        report([one, two], tmp_path / "out")
 
 
 def drop_windows(record: Record) -> None:

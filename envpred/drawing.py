@@ -1,0 +1,106 @@
+"""Draws one window of predictions or test runs, the forecasts of several methods beside each other."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+from envpred.drives import one_drive
+from envpred.errors import UserError
+from envpred.forecast_pictures import scene_animation, scene_strip
+from envpred.plots import save
+from envpred.predictions import Predictions
+from envpred.report.pictures import drawn_scenes
+from envpred.report.runs import read_run
+from envpred.results import PERIOD, RESULT
+from envpred.scenes import Scene, together
+from envpred.store import MANIFEST, Store
+
+Key = tuple[str, int]  # drive and last frame shown
+
+
+@dataclass(frozen=True)
+class _Method:
+    """What one folder forecasts."""
+
+    folder: Path
+    label: str
+    windows: Sequence[Key]
+    scene: Callable[[int, str], Scene]
+
+
+def draw(
+    folders: Sequence[Path],
+    out: Path,
+    window: int = 0,
+    store: Path | None = None,
+    source: Path | None = None,
+    horizons: Sequence[float] | None = None,
+) -> str:
+    """Draw a window into `out`; returns a line that says what was drawn.
+
+    Args:
+        folders: predictions, or test runs, whose drawn windows are taken.
+        out: picture, or .gif that plays the window.
+        window: place of the window among those of the first folder; the others are searched for it.
+        store: grids that were forecast from.
+        source: folder with drives, for the pictures of their camera.
+        horizons: of a strip, in seconds.
+
+    Raises:
+        UserError: if a folder holds no forecasts, lacks the window, or was forecast from other grids.
+    """
+    endings = {*FigureCanvasAgg.get_supported_filetypes(), "gif"}
+    if out.suffix.lstrip(".") not in endings:
+        raise UserError(f"{out}: no picture that can be written; end its name on .png, .pdf, .svg or .gif")
+    grids = Store(store) if store is not None else None
+    methods = [_opened(folder, grids) for folder in folders]
+    windows = methods[0].windows
+    if not 0 <= window < len(windows):
+        raise UserError(f"--window {window}: {methods[0].folder} has {len(windows)} windows, counted from 0")
+    labels = [method.label for method in methods]
+    scenes = []
+    for n, method in enumerate(methods):
+        if windows[window] not in method.windows:
+            drive, frame = windows[window]
+            raise UserError(
+                f"{method.folder}: has no forecast of {drive} after frame {frame}, as {methods[0].folder} has as its "
+                f"window {window}"
+            )
+        label = method.label if labels.count(method.label) == 1 else f"{method.label}, {n + 1}"
+        scenes.append(method.scene(method.windows.index(windows[window]), label))
+    scene = together(scenes)
+    steps = None if horizons is None else [_steps(seconds, scene.horizons) for seconds in horizons]
+    out.parent.mkdir(parents=True, exist_ok=True)
+    if out.suffix == ".gif":
+        out.write_bytes(scene_animation(scene))
+    else:
+        save(scene_strip(scene, steps, _camera(source, scene.drive)), out)
+    return f"{out}: {scene.where}"
+
+
+def _opened(folder: Path, store: Store | None) -> _Method:
+    """The forecasts in `folder`: predictions, a run that wrote some, or a test run."""
+    place = next((place for place in (folder, folder / "predictions") if (place / MANIFEST).is_file()), None)
+    if place is not None:
+        found = Predictions(place)
+        windows = [(str(entry["drive"]), int(entry["frames"][-1])) for entry in found.windows]
+        return _Method(folder, found.label, windows, lambda k, label: found.scene(k, store, label))
+    if (folder / RESULT).is_file():
+        run = read_run(folder / RESULT)
+        scenes = list(drawn_scenes(run).values())
+        keys = [(scene.drive, scene.frames[-1]) for scene in scenes]
+        return _Method(folder, run.label, keys, lambda k, label: scenes[k].named(label))
+    raise UserError(f"{folder}: holds neither predictions nor a test result; run `envpred predict` or `envpred test`")
+
+
+def _steps(seconds: float, most: int) -> int:
+    steps = round(seconds / PERIOD)
+    if abs(steps * PERIOD - seconds) > 1e-6 or not 1 <= steps <= most:
+        raise UserError(f"--horizons {seconds}: give multiples of {PERIOD} s up to {most * PERIOD:.1f} s")
+    return steps
+
+
+def _camera(source: Path | None, name: str) -> Callable[[int], Path | None]:
+    return (lambda frame: None) if source is None else one_drive(source, name).image

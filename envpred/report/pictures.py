@@ -1,0 +1,52 @@
+"""The pictures of a report: what the runs' results name, and every method on the same windows."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from envpred.errors import UserError
+from envpred.report.published import STATIC
+from envpred.report.runs import Run
+from envpred.scenes import Scene, read_scenes, together
+
+RELATIVE, ABSOLUTE = 0.02, 1e-5  # between a squared error and that of grids kept as halves
+
+
+def drawn_scenes(run: Run) -> dict[int, Scene]:
+    """The windows of a run that are drawn, by their place among the test windows; none if its result names none.
+
+    Raises:
+        UserError: if their file is missing or damaged, or the forecasts in it are not those that were judged.
+    """
+    if run.record.get("drawn") is None:
+        return {}
+    file = run.file.parent / str(run.record["drawn"])
+    scenes = read_scenes(file, run.label)
+    windows, judged = run.data["windows"], run.mse.per_window
+    for index, scene in scenes.items():
+        forecast = scene.forecasts[run.label]
+        fits = index < len(windows) and windows[index][0] == scene.drive and len(forecast) == len(scene.target)
+        if fits and judged is not None and len(forecast) == judged.shape[1]:
+            error = np.square(forecast - scene.target).mean(axis=(1, 2))
+            fits = np.allclose(error, judged[index], RELATIVE, ABSOLUTE)
+        if not fits:
+            raise UserError(f"{file}: holds other forecasts than {run.file} judged; run `envpred test` again")
+    return scenes
+
+
+def compared_scenes(runs: Sequence[Run]) -> list[Scene]:
+    """The windows that all runs drew, with the forecast of each, and the static baseline if no run is it.
+
+    Runs that kept no forecasts are left out.
+
+    Raises:
+        UserError: if a run's drawn windows do not fit its result, or two runs saw other grids.
+    """
+    drawn = [scenes for scenes in map(drawn_scenes, runs) if scenes]
+    if not drawn:
+        return []
+    common = [together([scenes[k] for scenes in drawn]) for k in drawn[0] if all(k in scenes for scenes in drawn)]
+    if any(run.name == "last_frame" for run in runs):
+        return common
+    return [replace(scene, forecasts=scene.forecasts | {STATIC: scene.static}) for scene in common]

@@ -1,0 +1,129 @@
+"""Scenes: single windows with what was seen, what came and what was forecast, as pictures show them."""
+
+import os
+import zipfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from envpred.errors import UserError
+from envpred.movers import Mover, movers
+
+Grids = NDArray[np.float32]
+TOLERANCE = 2e-3  # between grids that were kept as halves
+
+
+@dataclass(frozen=True)
+class Scene:
+    """One window of a drive.
+
+    Args:
+        drive: its name.
+        frames: frame numbers shown; the last one is the present.
+        seen: probability of occupied (S, H, W) in them; S may be 0 where the grids are not at hand.
+        target: probability of occupied (n, H, W) in the frames that follow, as far as there are any.
+        centre_cell: (S + n, 2), where those grids lie on the drive's lattice.
+        forecasts: (N, H, W) by method.
+    """
+
+    drive: str
+    frames: tuple[int, ...]
+    seen: Grids
+    target: Grids
+    centre_cell: NDArray[np.int64]
+    forecasts: dict[str, Grids]
+
+    @property
+    def where(self) -> str:
+        """Drive and frame, as pictures are titled."""
+        return f"{self.drive}, frame {self.frames[-1]}"
+
+    @property
+    def static(self) -> Grids:
+        """The static baseline's forecast: the last frame shown, for every horizon."""
+        return np.repeat(self.seen[-1:], self.horizons, axis=0)
+
+    @property
+    def horizons(self) -> int:
+        """Horizons that a forecast reaches."""
+        return max(len(forecast) for forecast in self.forecasts.values())
+
+    def named(self, method: str) -> "Scene":
+        """The same with another name for its only method."""
+        (grids,) = self.forecasts.values()
+        return replace(self, forecasts={method: grids})
+
+    def movers(self, horizon: int) -> list[Mover]:
+        """What moves in the target `horizon` frames ahead; nothing where there is none."""
+        if horizon > len(self.target) or not len(self.seen):
+            return []
+        return movers(np.concatenate([self.seen, self.target]), self.centre_cell, len(self.seen) - 1 + horizon)
+
+
+def together(scenes: Sequence[Scene]) -> Scene:
+    """The forecasts of several scenes of one window in one.
+
+    Raises:
+        UserError: if they are not of the same window, or saw other grids.
+    """
+    first = scenes[0]
+    for other in scenes[1:]:
+        named = ", ".join(other.forecasts)
+        if (other.drive, other.frames[-1]) != (first.drive, first.frames[-1]):
+            raise UserError(f"{named} forecasts another window ({other.where}) than {first.where}")
+        both = min(len(first.target), len(other.target))
+        if first.target.shape[1:] != other.target.shape[1:] or not np.allclose(
+            first.target[:both], other.target[:both], atol=TOLERANCE
+        ):
+            raise UserError(f"{named} was judged on other grids of {first.where}; forecast or test again on the same")
+    longest = max(scenes, key=lambda scene: (len(scene.target), len(scene.seen)))
+    return replace(longest, forecasts={name: grids for scene in scenes for name, grids in scene.forecasts.items()})
+
+
+def write_scenes(file: Path, scenes: Mapping[int, Scene]) -> None:
+    """Keep scenes of one method, by their place among the test windows, in `file` (.npz, grids as halves).
+
+    All have the same shapes.
+    """
+    kept = list(scenes.values())
+    arrays = {
+        "index": np.array(list(scenes)),
+        "drive": np.array([scene.drive for scene in kept]),
+        "frames": np.array([scene.frames for scene in kept]),
+        "seen": np.stack([scene.seen for scene in kept]).astype(np.float16),
+        "target": np.stack([scene.target for scene in kept]).astype(np.float16),
+        "centre_cell": np.stack([scene.centre_cell for scene in kept]),
+        "forecast": np.stack([next(iter(scene.forecasts.values())) for scene in kept]).astype(np.float16),
+    }
+    part = file.with_name(f".{file.name}-{os.getpid()}.npz")
+    try:
+        np.savez_compressed(part, allow_pickle=False, **arrays)
+        os.replace(part, file)
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def read_scenes(file: Path, method: str) -> dict[int, Scene]:
+    """What `write_scenes` kept; `method` names its forecasts.
+
+    Raises:
+        UserError: if the file is missing or damaged.
+    """
+    try:
+        with np.load(file, allow_pickle=False) as arrays:
+            return {
+                int(index): Scene(
+                    str(arrays["drive"][k]),
+                    tuple(arrays["frames"][k].tolist()),
+                    arrays["seen"][k].astype(np.float32),
+                    arrays["target"][k].astype(np.float32),
+                    arrays["centre_cell"][k],
+                    {method: arrays["forecast"][k].astype(np.float32)},
+                )
+                for k, index in enumerate(arrays["index"])
+            }
+    except (OSError, ValueError, KeyError, IndexError, EOFError, zipfile.BadZipFile):
+        raise UserError(f"{file}: missing or damaged, though a result names it; run `envpred test` again") from None
