@@ -83,13 +83,19 @@ SWITCHES = {
     "feedback_current": Switch(
         "feedback of the current instead of the stale guess", "network", STATIC, lambda c: {"model.feedback": "current"}
     ),
-    "first_scored_given": Switch(
-        "loss of stage t+5 over forecasts alone", "network", STATIC,
+    "all_scored": Switch(
+        "loss of stage t+5 over all frames, as in the paper", "network", STATIC, lambda c: {"model.first_scored": 1}
+    ),
+    "forecasts_scored": Switch(
+        "loss of stage t+5 over forecasts alone",
+        "network",
+        STATIC,
         lambda c: {"model.first_scored": c["data"]["given"]},
     ),
-    "squared_error": Switch(
-        "squared error in the loss of stage t+5", "network", STATIC, lambda c: {"model.t5_error": "squared"}
+    "absolute_error": Switch(
+        "absolute errors in stage t+5, as in the paper", "network", STATIC, lambda c: {"model.t5_error": "absolute"}
     ),
+    "squared_error": Switch("squared errors in stage t+5", "network", STATIC, lambda c: {"model.t5_error": "squared"}),
     "ground_velocity": Switch(
         "velocities relative to the ground instead of the ego", "velocities", DYNAMIC, store="ground_velocity"
     ),
@@ -109,7 +115,7 @@ def make_plan(
         fit: options of `envpred fit` that all start from.
         tuned: variant -> tuned configuration; of `fit`, only what decides the windows and the trainer is set over it.
         variants: input variants of the table.
-        switches: names of the switches; they are run with the first seed.
+        switches: names of the switches; they are run with the first seed, unless `fit` has them so already.
         seeds: of initial weights and training windows.
 
     Raises:
@@ -133,10 +139,13 @@ def make_plan(
     for name in switches:
         switch = SWITCHES[name]
         unchanged = (*base, *_seeded(switch.variant, seeds[0]))
+        before = FitArguments([*unchanged, "--data.store=."])
+        changes = switch.changes(before.base)
+        if switch.store == MAIN and all(before.values[argument] == value for argument, value in changes.items()):
+            continue
         if not switch.alone:
             runs = _with_reference(runs, switch, seeds[0], unchanged)
-        changes = as_options(switch.changes(FitArguments([*unchanged, "--data.store=."]).base))
-        runs.append(Run(name, (switch.group,), switch.store, (*unchanged, *changes)))
+        runs.append(Run(name, (switch.group,), switch.store, (*unchanged, *as_options(changes))))
     return runs
 
 

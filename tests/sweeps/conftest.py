@@ -29,7 +29,9 @@ def store(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="session")
 def fit(store: Path) -> FitArguments:
     """Runs of a small PredNet on the tiny store."""
-    return FitArguments([f"--config={SMALL}", f"--data.store={store}", "--model.t1_epochs=1", "--model.t5_epochs=2"])
+    return FitArguments(
+        [f"--config={SMALL}", f"--data.store={store}", "--model.t1_epochs=1", "--model.t5_epochs=2", "--data.crop=null"]
+    )
 
 
 @pytest.fixture
@@ -57,5 +59,5 @@ def stubbed(checkpoint: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 def tuning(store: Path, space: Path, out: Path, *more: str) -> list[str]:
     """A command line of `sweeps.tune`."""
     given = {"variant": "dst_static", "store": store, "space": space, "out": out, "config": SMALL}
-    quick = ["--model.t1_epochs=1", "--model.t5_epochs=2", "--data.samples=3"]
+    quick = ["--model.t1_epochs=1", "--model.t5_epochs=2", "--data.samples=3", "--data.crop=null"]
     return [*(f"--{name}={value}" for name, value in given.items()), *quick, *more]

@@ -30,7 +30,13 @@ def called(monkeypatch: pytest.MonkeyPatch) -> list[str]:
 
 
 def arguments(store: Path, out: Path, *more: str) -> list[str]:
-    quick = ["--model.channels=[4]", "--model.t1_epochs=1", "--model.t5_epochs=1", "--data.samples=1"]
+    quick = [
+        "--model.channels=[4]",
+        "--model.t1_epochs=1",
+        "--model.t5_epochs=1",
+        "--data.samples=1",
+        "--data.crop=null",
+    ]
     choice = ["--variants=[prob_static,prob_dogma]", "--switches=[t5_only]"]
     return [f"--store={store}", f"--out={out}", f"--config={SMALL}", *quick, *choice, *more]
 

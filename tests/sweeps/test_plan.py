@@ -63,8 +63,8 @@ def test_every_variant_is_run_with_every_seed_and_set_of_hyperparameters(tmp_pat
         ("t1_only", {"t1_epochs": 6, "t1_drop_epoch": 6, "t5_epochs": 0}),
         ("t5_only", {"t5_epochs": 6, "t5_drop_epoch": 5, "t1_epochs": 0}),
         ("feedback_current", {"feedback": "current"}),
-        ("first_scored_given", {"first_scored": 5}),
-        ("squared_error", {"t5_error": "squared"}),
+        ("all_scored", {"first_scored": 1}),
+        ("absolute_error", {"t5_error": "absolute"}),
         ("ground_velocity", {}),
         ("fewer_particles", {}),
         ("ransac", {}),
@@ -87,6 +87,14 @@ def test_a_switch_is_reported_beside_the_unchanged_run() -> None:
     assert together["network"] == {"dst_static_default_seed0", "t1_only", "feedback_current"}
     assert together["velocities"] == {"dst_dogma_default_seed0", "fewer_particles"}
     assert together["ransac"] == {"ransac"}
+
+
+def test_what_the_configuration_has_already_is_left_out() -> None:
+    names = ["all_scored", "forecasts_scored", "absolute_error", "squared_error", "t5_only", "context_3"]
+    assert planned(names).keys() & set(names) == {"all_scored", "absolute_error", "t5_only", "context_3"}
+    paper = [*FIT, "--model.first_scored=1", "--model.t5_error=absolute", "--model.t1_epochs=0", "--data.given=3"]
+    found = planned(names, fit=[*paper, "--data.length=18"])
+    assert found.keys() & set(names) == {"forecasts_scored", "squared_error"}
 
 
 def test_what_is_not_known_is_refused() -> None:

@@ -56,7 +56,7 @@ def test_every_worker_of_a_cluster_joins(
         "trials": 6,
         "force": True,
     }
-    on_cluster(cluster, "tests.sweeps.stub", options, [f"--config={SMALL}"])
+    on_cluster(cluster, "tests.sweeps.stub", options, [f"--config={SMALL}", "--data.crop=null"])
     storage = open_storage(tmp_path / "prednet_dst_static", None)
     trials = optuna.load_study(study_name="prednet_dst_static", storage=storage).trials
     assert [trial.state.name for trial in trials if trial.state.name != "WAITING"] == ["COMPLETE"] * 6
