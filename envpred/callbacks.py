@@ -23,6 +23,7 @@ from envpred.scenes import Scene, write_scenes
 
 DRAWN = "drawn.npz"  # the forecasts of the windows that are drawn, beside the result
 FORECAST = "forecast"
+TRAINING_DATA = ("split", "length", "samples", "batch_size", "augment", "crop", "seed")  # what HPARAMS shows of it
 
 
 class Pictures(Callback):
@@ -41,9 +42,10 @@ class Pictures(Callback):
 
     def on_fit_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
         logger = _tensorboard(trainer)
-        if logger is not None:
+        if logger is not None and isinstance(pl_module, Forecaster):
+            data = {f"data.{name}": getattr(pl_module.dataset, name) for name in TRAINING_DATA}
             # The tab needs the names of the final metrics before there are any.
-            logger.log_hyperparams(_flat(dict(pl_module.hparams)), {"final/val_mse": float("nan")})
+            logger.log_hyperparams(_flat(dict(pl_module.hparams) | data), {"final/val_mse": float("nan")})
 
     def on_validation_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
         logger = _tensorboard(trainer)

@@ -4,6 +4,7 @@ envpred grids --source KITTI --store grids/
 envpred fit --config configs/model/prednet.yaml --config configs/data/dst_static.yaml --data.store grids/
 """
 
+import logging
 import sys
 import warnings
 from argparse import RawDescriptionHelpFormatter
@@ -106,6 +107,7 @@ def lightning(args: list[str] | None = None, kind: type[C] = EnvpredCLI, run: bo
     warnings.filterwarnings("ignore", "LightningCLI's args parameter is intended")  # `main` takes them from sys.argv
     warnings.filterwarnings("ignore", ".*treespec, LeafSpec.*")  # Lightning's own affair
     warnings.filterwarnings("ignore", ".*does not have many workers.*")  # reading a window takes a millisecond
+    logging.getLogger("lightning.pytorch.utilities.rank_zero").addFilter(_no_advertisement)
     return kind(
         Forecaster,
         GridDataModule,
@@ -124,6 +126,11 @@ def lightning(args: list[str] | None = None, kind: type[C] = EnvpredCLI, run: bo
         args=args,
         run=run,
     )
+
+
+def _no_advertisement(record: logging.LogRecord) -> bool:
+    """Whether a line of Lightning's says something about the run, rather than about its makers' other products."""
+    return "Tip: For seamless" not in record.getMessage()
 
 
 def _epilog() -> str:

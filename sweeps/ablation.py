@@ -22,7 +22,7 @@ from sweeps import stores
 from sweeps.best import BEST, replace_text
 from sweeps.command import run as command
 from sweeps.estimate import seconds, untrained
-from sweeps.plan import MAIN, SWITCHES, make_plan
+from sweeps.plan import MAIN, SWITCHES, VELOCITIES, make_plan
 from sweeps.runs import Job
 from sweeps.shipped import shipped
 from sweeps.storage import told
@@ -134,7 +134,7 @@ def _report(jobs: Sequence[Job], out: Path, failures: list[str]) -> dict[str, Pa
         results = [job.result for job in jobs if group in job.run.groups and job.result.is_file()]
         if results:
             try:
-                pages[group] = report(results, out / "report" / group)
+                pages[group] = report(results, out / "report" / group, same_inputs=group != VELOCITIES)
             except UserError as error:
                 failures.append(f"report {group}: {error}")
     return pages

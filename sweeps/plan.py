@@ -12,6 +12,7 @@ from sweeps.space import FIXED
 
 MAIN = "main"  # the store that the user gave
 STATIC, DYNAMIC = "dst_static", "dst_dogma"
+VELOCITIES = "velocities"  # the group whose runs read different ones
 
 
 @dataclass(frozen=True)
@@ -97,9 +98,9 @@ SWITCHES = {
     ),
     "squared_error": Switch("squared errors in stage t+5", "network", STATIC, lambda c: {"model.t5_error": "squared"}),
     "ground_velocity": Switch(
-        "velocities relative to the ground instead of the ego", "velocities", DYNAMIC, store="ground_velocity"
+        "velocities relative to the ground instead of the ego", VELOCITIES, DYNAMIC, store="ground_velocity"
     ),
-    "fewer_particles": Switch("a tenth of the particles", "velocities", DYNAMIC, store="fewer_particles"),
+    "fewer_particles": Switch("a tenth of the particles", VELOCITIES, DYNAMIC, store="fewer_particles"),
     "ransac": Switch("RANSAC instead of MRF ground segmentation", "ransac", STATIC, store="ransac", alone=True),
     "context_3": Switch("3 frames shown", "context_3", STATIC, _context(3), alone=True),
     "context_10": Switch("10 frames shown", "context_10", STATIC, _context(10), alone=True),

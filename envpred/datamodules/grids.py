@@ -87,7 +87,7 @@ class GridDataModule(LightningDataModule):
         """Find the windows that a stage needs; refuse what does not fit before anything runs."""
         if not self.stretches:
             self.stretches = self._split(self._usable_drives())
-        if self.crop is not None and not 1 <= self.crop <= self.cells:
+        if stage == "fit" and self.crop is not None and not 1 <= self.crop <= self.cells:
             raise UserError(f"--data.crop {self.crop}: the grids have {self.cells} cells a side; give at most so many")
         needed = {"fit": ("train", "val"), "validate": ("val",), "test": ("test",), "predict": ("predict",)}[stage]
         for part in needed:

@@ -115,7 +115,9 @@ def test_tensorboard_shows_what_a_run_did(store: Path) -> None:
     assert events.Images("window_0/animation")[-1].encoded_image_string.startswith(b"GIF89a")
     reference = EventAccumulator(str(run / "static_baseline")).Reload()
     assert "val/mse_1.5s" in reference.Tags()["scalars"]
-    assert "_hparams_/session_start_info" in events.summary_metadata
+    told = events.summary_metadata["_hparams_/session_start_info"].plugin_data.content
+    assert b"t5_lr" in told
+    assert b"data.crop" in told
 
 
 def test_best_is_the_newest_runs_best_and_resuming_writes_on_in_its_run(store: Path) -> None:
