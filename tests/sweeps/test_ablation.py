@@ -68,7 +68,8 @@ def test_from_the_plan_to_the_report_and_not_twice(
     assert result["model"]["hyperparameters"]["t1_epochs"] == 0
 
     called.clear()
-    monkeypatch.setattr("sweeps.ablation.report", lambda results, page, same_inputs: page / "report.html")  # they are there
+    # They are there.
+    monkeypatch.setattr("sweeps.ablation.report", lambda results, page, same_inputs: page / "report.html")
     main(arguments(store, out))
     assert called == []
     assert "0 of 5 runs" in capsys.readouterr().out
