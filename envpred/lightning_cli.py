@@ -9,6 +9,7 @@ import sys
 import warnings
 from argparse import RawDescriptionHelpFormatter
 from pathlib import Path
+from typing import TypeVar
 
 import torch
 from jsonargparse import DefaultHelpFormatter, Namespace
@@ -97,14 +98,17 @@ def _short(class_path: str) -> str:
     return short_name(class_path.rsplit(".", 1)[1])
 
 
-def lightning(args: list[str] | None = None) -> EnvpredCLI:
-    """Run fit, validate, test or predict with `args`."""
+C = TypeVar("C", bound=EnvpredCLI)
+
+
+def lightning(args: list[str] | None = None, kind: type[C] = EnvpredCLI, run: bool = True) -> C:  # type: ignore[assignment]
+    """Run fit, validate, test or predict with `args`; who only reads them gives a `kind` of its own and no `run`."""
     torch.set_float32_matmul_precision("high")  # TF32 where a GPU has it; nothing changes on a CPU
     warnings.filterwarnings("ignore", "LightningCLI's args parameter is intended")  # `main` takes them from sys.argv
     warnings.filterwarnings("ignore", ".*treespec, LeafSpec.*")  # Lightning's own affair
     warnings.filterwarnings("ignore", ".*does not have many workers.*")  # reading a window takes a millisecond
     logging.getLogger("lightning.pytorch.utilities.rank_zero").addFilter(_no_advertisement)
-    return EnvpredCLI(
+    return kind(
         Forecaster,
         GridDataModule,
         subclass_mode_model=True,
@@ -120,6 +124,7 @@ def lightning(args: list[str] | None = None) -> EnvpredCLI:
             "formatter_class": HelpFormatter,
         },
         args=args,
+        run=run,
     )
 
 

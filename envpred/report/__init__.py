@@ -35,7 +35,7 @@ CAPTIONS = {
 }
 
 
-def report(runs: Sequence[Path], out: Path) -> Path:
+def report(runs: Sequence[Path], out: Path, same_inputs: bool = True) -> Path:
     """Compare test runs: write tables (Markdown, CSV, LaTeX), curves (PNG, PDF) and `report.html` into `out`.
 
     Returns the page.  Same results, same report.
@@ -43,11 +43,12 @@ def report(runs: Sequence[Path], out: Path) -> Path:
     Args:
         runs: result files, or folders that hold some, all of the same test windows.
         out: folder for the report.
+        same_inputs: whether runs of one variant must have read the same velocities.
 
     Raises:
         UserError: if a result is missing, damaged, partial, stale or of other windows; nothing is written.
     """
-    read = read_runs(runs)
+    read = read_runs(runs, same_inputs)
     pictures, scenes = pictures_of(read), compared_scenes(read)
     pairs = comparisons(methods(read), shown_columns(read[0]))
     tables = (methods_table(read, pairs), variants_table(read), ratio_table(read), moved_ratio_table(read))

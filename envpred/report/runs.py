@@ -56,8 +56,10 @@ class Run:
         return self.metrics["mse"]
 
 
-def read_runs(paths: Sequence[Path]) -> list[Run]:
+def read_runs(paths: Sequence[Path], same_inputs: bool = True) -> list[Run]:
     """The runs of result files, or of folders that hold some, checked to be of the same windows.
+
+    With `same_inputs` False runs of one variant may have read other velocities, as where those are what is compared.
 
     Raises:
         UserError: naming the file and what is wrong with it: missing, damaged, of another format, partial, stale (other
@@ -68,7 +70,7 @@ def read_runs(paths: Sequence[Path]) -> list[Run]:
     if not runs:
         raise UserError("no test run given; name folders or files of results, as `envpred test` writes them")
     for run in runs[1:]:
-        _check_comparable(runs[0], run)
+        _check_comparable(runs[0], run, same_inputs)
     return _with_distinct_labels(runs)
 
 
@@ -145,7 +147,7 @@ def _what(error: Exception) -> str:
     return f"{error} is missing" if isinstance(error, KeyError) else str(error)
 
 
-def _check_comparable(first: Run, other: Run) -> None:
+def _check_comparable(first: Run, other: Run, same_inputs: bool) -> None:
     """Refuse two runs that were not measured on the same windows of the same grids."""
     for key, what in SAME_DATA.items():
         here, there = first.data.get(key), other.data.get(key)
@@ -156,7 +158,8 @@ def _check_comparable(first: Run, other: Run) -> None:
                 f"{other.file}: other {what}{shown}{stale} than {first.file}; "
                 "a report compares runs on the same windows: test both on the same data, or report them apart"
             )
-    if first.variant == other.variant and first.data.get("input_hash") != other.data.get("input_hash"):
+    differ = first.data.get("input_hash") != other.data.get("input_hash")
+    if same_inputs and first.variant == other.variant and differ:
         raise UserError(
             f"{other.file}: other velocities (built again since, or another store) than {first.file}, though both read "
             f"{first.variant}; run `envpred test` again for both"

@@ -88,6 +88,7 @@ def test_other_velocities_of_the_same_variant_are_refused(make_run: MakeRun, tmp
     again = make_run("fcn", "prob_dogma", change=mend("input_hash", "second"))
     static = make_run("prednet", "prob_static", change=mend("input_hash", None))
     read_runs([one, static])
+    assert len(read_runs([one, again], same_inputs=False)) == 2  # where velocities are what is compared
     with pytest.raises(UserError, match=r"other velocities \(built again since") as refusal:
         report([one, again], tmp_path / "out")
     assert str(again) in str(refusal.value)

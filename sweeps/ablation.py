@@ -1,0 +1,157 @@
+"""The paper's Table I and the switches that the field asks about, as one command: training, test, report.
+
+    python -m sweeps.ablation --store grids/ --source KITTI --config sweeps/presets/demo.yaml --dry_run true
+    python -m sweeps.ablation --store grids/ --source KITTI --config sweeps/presets/demo.yaml
+
+Interrupt it whenever you like; the same command goes on, and what is done is not done again.  Options of `envpred fit`
+(--config, --model.*, --data.*, --trainer.*) go to every run.
+"""
+
+import math
+import time
+from collections.abc import Sequence
+from datetime import timedelta
+from pathlib import Path
+
+from envpred.datamodules import GridDataModule
+from envpred.datamodules.variants import VARIANTS
+from envpred.errors import UserError
+from envpred.report import report
+from envpred.store import Store
+from sweeps import stores
+from sweeps.best import BEST, replace_text
+from sweeps.command import run as command
+from sweeps.estimate import seconds, untrained
+from sweeps.plan import MAIN, SWITCHES, VELOCITIES, make_plan
+from sweeps.runs import Job
+from sweeps.shipped import shipped
+from sweeps.storage import told
+from sweeps.summary import SUMMARY, summary
+from sweeps.trial import TrialFailedError
+
+DEFAULT = "configs/model/prednet_small.yaml"
+GRIDS_A_SECOND = 30.0  # frames mapped, with velocities, on one core; for the estimate alone
+
+
+def ablation(
+    store: Path,
+    fit: list[str],
+    source: Path | None = None,
+    out: Path = Path("ablation"),
+    tuned: Path | None = None,
+    variants: list[str] = list(VARIANTS),  # noqa: B006 - read only, and the command line shows it
+    switches: list[str] = list(SWITCHES),  # noqa: B006
+    seeds: list[int] = [0],  # noqa: B006
+    dry_run: bool = False,
+) -> None:
+    """Print the plan, then train, test and report whatever of it is not done.
+
+    Args:
+        store: folder that `envpred grids` wrote, with velocities.
+        fit: options of `envpred fit` that every run starts from; by default the small PredNet's configuration.
+        source: folder of the drives; needed by switches that map them in another way.
+        out: folder for stores, runs, reports and the summary.
+        tuned: folder of studies (`--out` of sweeps.tune); variants with a best.yaml there are run with it, too.
+        variants: input variants of the table.
+        switches: what is changed one by one; [] for none.
+        seeds: every variant is run with each of them, every switch with the first.
+        dry_run: print the plan with an estimate of time, and end.
+    """
+    if not any(option == "-c" or option.split("=", 1)[0] == "--config" for option in fit):
+        fit = [f"--config={shipped(DEFAULT)}", *fit]
+    best = {v: tuned / f"prednet_{v}" / BEST for v in variants if tuned and (tuned / f"prednet_{v}" / BEST).is_file()}
+    if tuned is not None and not best:
+        raise UserError(f"{tuned}: holds no prednet_<variant>/{BEST}; run sweeps.tune first, or leave --tuned out")
+    plan = make_plan(fit, best, variants, switches, seeds)
+    folders = {run.store: store if run.store == MAIN else out / "stores" / run.store for run in plan}
+    for key in folders:
+        dynamic = any("--data.variant=" + v in run.options for run in plan for v in VARIANTS if "dogma" in v)
+        stores.check(key, store, source, dynamic)
+    with told(out):
+        jobs = [Job.of(run, folders[run.store], out / "runs") for run in plan]
+        missing = [key for key, folder in folders.items() if not stores.is_whole(key, folder, store)]
+        todo = [job for job in jobs if job.run.store in missing or not job.is_done()]
+        times = _show(jobs, todo, missing, store)
+        if dry_run:
+            return
+        for key in missing:
+            _say(f"building the store of {key}")
+            stores.build(key, store, folders[key], source)
+        failures = _do(todo, times)
+        reports = _report(jobs, out, failures)
+        text = summary(jobs, reports, failures, out)
+        _say(f"{text}\nsummary: {replace_text(out / SUMMARY, text)}")
+        if failures:
+            raise UserError(
+                "\n".join(
+                    [*failures, f"{len(failures)} of {len(jobs)} runs and their reports failed; the others are done"]
+                )
+            )
+
+
+def _show(jobs: Sequence[Job], todo: Sequence[Job], missing: Sequence[str], store: Path) -> dict[str, float]:
+    """Print the plan; returns the estimated seconds of each run that is to do, by its name."""
+    example = GridDataModule(**{**jobs[0].config["data"], "store": store})
+    example.setup("fit")
+    cells, windows = example.cells, len(example.datasets["val"])
+    frames = sum(len(drive.frames) for drive in Store(store).drives.values())
+    times = {
+        job.run.name: seconds(job.config, cells, windows) if job.run.trains else untrained(windows) for job in todo
+    }
+    width = max(len(job.run.name) for job in jobs)
+    for key in missing:
+        _say(f"{'store ' + key:{width}}  {_span(frames / GRIDS_A_SECOND):>8}  {frames} frames to map")
+    for job in jobs:
+        state = _span(times[job.run.name]) if job in todo else "done"
+        _say(f"{job.run.name:{width}}  {state:>8}  reports: {', '.join(job.run.groups)}")
+    total = sum(times.values()) + len(missing) * frames / GRIDS_A_SECOND
+    _say(f"{len(todo)} of {len(jobs)} runs and {len(missing)} stores to do, about {_span(total)}")
+    return times
+
+
+def _do(todo: Sequence[Job], times: dict[str, float]) -> list[str]:
+    """Run what is to do; returns a line for each run that failed."""
+    failures = []
+    spent = planned = 0.0
+    for place, job in enumerate(todo, 1):
+        start = time.monotonic()
+        try:
+            job.do()
+        except TrialFailedError as failed:
+            failures.append(f"{job.run.name}: {failed} (see the logs in {job.folder})")
+        spent += time.monotonic() - start
+        planned += times[job.run.name]
+        left = sum(times[other.run.name] for other in todo[place:]) * spent / planned
+        said = "failed" if failures and failures[-1].startswith(f"{job.run.name}: ") else "done"
+        _say(f"{place} of {len(todo)}: {job.run.name} {said}; about {_span(left)} left")
+    return failures
+
+
+def _report(jobs: Sequence[Job], out: Path, failures: list[str]) -> dict[str, Path]:
+    """A report of each group that has results; what cannot be compared is a failure of its own."""
+    pages = {}
+    for group in dict.fromkeys(group for job in jobs for group in job.run.groups):
+        results = [job.result for job in jobs if group in job.run.groups and job.result.is_file()]
+        if results:
+            try:
+                pages[group] = report(results, out / "report" / group, same_inputs=group != VELOCITIES)
+            except UserError as error:
+                failures.append(f"report {group}: {error}")
+    return pages
+
+
+def _say(line: str) -> None:
+    print(line, flush=True)
+
+
+def _span(value: float) -> str:
+    return str(timedelta(seconds=math.ceil(value)))
+
+
+def main(args: list[str] | None = None) -> None:
+    """Entry point of `python -m sweeps.ablation`."""
+    command(ablation, args)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,75 @@
+"""`best.yaml`: the winning configuration, complete and ready for `envpred fit`, with where it comes from."""
+
+import os
+from collections.abc import Mapping
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import optuna
+
+from envpred.results import revision
+from sweeps.arguments import FitArguments
+from sweeps.study import ARGUMENTS
+from sweeps.trial import as_yaml
+
+BEST = "best.yaml"
+
+
+def write_best(study: optuna.Study, fit: FitArguments, identity: Mapping[str, str], storage: str, folder: Path) -> Path:
+    """Write the best trial's configuration into `folder`, replacing what is there in one step; returns the file.
+
+    Args:
+        study: with a complete trial.
+        fit: what its trials started from.
+        identity: what its trials have in common, see `sweeps.study.open_study`.
+        storage: where it is kept, as a user names it, without a password.
+        folder: of the study.
+    """
+    best = study.best_trial
+    first = study.get_trials(deepcopy=False)[0]
+    about = {
+        "study": study.study_name,
+        "storage": storage,
+        "trial": str(best.number),
+        "validation MSE": f"{best.value:.6g}",
+        "of the first trial": f"{first.value:.6g}" if first.state == optuna.trial.TrialState.COMPLETE else "none",
+        "trials": str(len(study.get_trials(deepcopy=False, states=(optuna.trial.TrialState.COMPLETE,)))),
+        **identity,
+        "revision": revision(),
+        "written": datetime.now(UTC).isoformat(timespec="seconds"),
+    }
+    arguments = best.user_attrs[ARGUMENTS]
+    header = "".join(f"# {what}: {value}\n" for what, value in about.items())
+    found = "".join(f"#   {name}: {value}\n" for name, value in arguments.items())
+    title = f"# The best configuration that sweeps.tune found; `envpred fit --config {BEST}` trains it again.\n"
+    return replace_text(folder / BEST, f"{title}{header}# found:\n{found}{as_yaml(fit.complete(arguments))}")
+
+
+def replace_text(file: Path, text: str) -> Path:
+    """Replace `file` in one step, also where several workers do so at once; returns it."""
+    part = file.with_name(f".{file.name}-{os.getpid()}")
+    try:
+        part.write_text(text)
+        os.replace(part, file)
+    finally:
+        part.unlink(missing_ok=True)
+    return file
+
+
+def table(study: optuna.Study) -> str:
+    """All trials as CSV: number, state, error, reason, and every argument."""
+    trials = study.get_trials(deepcopy=False)
+    names = list(dict.fromkeys(name for trial in trials for name in trial.params))
+    rows: list[list[Any]] = [["trial", "state", "val_mse", "seconds", *names, "reason"]]
+    for trial in trials:
+        value = trial.value if trial.state == optuna.trial.TrialState.COMPLETE else ""
+        seconds = round(trial.duration.total_seconds(), 1) if trial.duration else ""
+        values = [trial.params.get(name, "") for name in names]
+        rows.append([trial.number, trial.state.name, value, seconds, *values, trial.user_attrs.get("reason", "")])
+    return "".join(",".join(_quoted(value) for value in row) + "\n" for row in rows)
+
+
+def _quoted(value: Any) -> str:
+    text = str(value)
+    return '"' + text.replace('"', '""') + '"' if set(text) & set(',"\n') else text

@@ -1,0 +1,54 @@
+"""How long a run will take: a training step of its network is timed here and now, and multiplied."""
+
+import math
+import time
+from collections.abc import Mapping
+from functools import cache
+from typing import Any
+
+import torch
+
+from envpred.datamodules.variants import variant
+from envpred.networks.prednet import PredNet
+from sweeps.progress import epochs_of
+
+# Seconds of a process that loads the libraries, of the pictures of a validation, and of a test's metrics and pictures.
+START, PICTURES, TEST = 8.0, 2.0, 6.0
+FORWARD = 0.4  # of a training step
+
+
+def seconds(config: Mapping[str, Any], cells: int, val_windows: int) -> float:
+    """Estimated seconds of training and testing a PredNet with the complete configuration `config`.
+
+    Args:
+        config: of the run.
+        cells: along a side of the grids.
+        val_windows: validation windows that there are; the test has about as many.
+    """
+    data, model = config["data"], config["model"]["init_args"]
+    inputs = len(variant(data["variant"]).channels)
+    batch = int(data["batch_size"])
+    side = int(data["crop"] or cells)  # training may see squares of it alone
+    step = _step((inputs, *model["channels"]), side, data["length"], data["given"], batch)
+    window = FORWARD * step / batch * (cells / side) ** 2
+    windows = min(val_windows, int(data["val_windows"]))
+    epoch = math.ceil(int(data["samples"]) / batch) * step + windows * window + PICTURES
+    return 2.0 * START + epochs_of(config) * epoch + windows * window + TEST
+
+
+def untrained(val_windows: int) -> float:
+    """Estimated seconds of testing a baseline."""
+    return START + TEST + 0.05 * val_windows
+
+
+@cache
+def _step(channels: tuple[int, ...], cells: int, length: int, given: int, batch: int) -> float:
+    """Seconds of a training step, the better of two after one that loads."""
+    network = PredNet(channels)
+    frames = torch.rand(batch, length, channels[0], cells, cells)
+    times = []
+    for _ in range(3):
+        start = time.perf_counter()
+        (network(frames, given=given) - frames).abs().mean().backward()
+        times.append(time.perf_counter() - start)
+    return min(times[1:])

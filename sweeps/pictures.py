@@ -1,0 +1,44 @@
+"""Pictures of a study: optimisation history, importances, parallel coordinates, intermediate values."""
+
+import os
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import optuna
+from optuna.trial import TrialState
+
+PICTURES: dict[str, Callable[[optuna.Study], Any]] = {
+    "history": optuna.visualization.matplotlib.plot_optimization_history,
+    "importances": optuna.visualization.matplotlib.plot_param_importances,
+    "parallel_coordinates": optuna.visualization.matplotlib.plot_parallel_coordinate,
+    "intermediate_values": optuna.visualization.matplotlib.plot_intermediate_values,
+}
+
+
+def draw(study: optuna.Study, folder: Path) -> list[Path]:
+    """Draw a study into PNG files of `folder`; returns them.
+
+    Importances need two complete trials that differ; what cannot be drawn yet is left out.
+    """
+    if len(study.get_trials(deepcopy=False, states=(TrialState.COMPLETE,))) < 2:
+        return []
+    from matplotlib import pyplot
+    from matplotlib.figure import Figure
+
+    mpl.use("Agg")
+    files = []
+    for name, plot in PICTURES.items():
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # that matplotlib's side of Optuna is experimental
+            drawn = plot(study)
+        figure: Figure = (drawn.flat[0] if hasattr(drawn, "flat") else drawn).figure
+        figure.set_size_inches(9, 5)
+        part = folder / f".{name}-{os.getpid()}.png"
+        figure.savefig(part, dpi=120, bbox_inches="tight")
+        pyplot.close(figure)
+        os.replace(part, folder / f"{name}.png")  # other workers may draw the same at this moment
+        files.append(folder / f"{name}.png")
+    return files

@@ -1,0 +1,94 @@
+"""One run of an ablation: trained and tested by envpred, once for each configuration."""
+
+import json
+import sys
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from envpred.datamodules import GridDataModule
+from envpred.errors import UserError
+from envpred.results import RESULT
+from envpred.store import digest
+from sweeps import processes
+from sweeps.arguments import FitArguments
+from sweeps.best import replace_text
+from sweeps.plan import Run
+from sweeps.progress import BEST
+from sweeps.trial import as_yaml, failure, logged_to
+
+CONFIG, TRAINED, SECONDS = "run.yaml", ".trained", "seconds.json"
+
+
+@dataclass(frozen=True)
+class Job:
+    """A run with its configuration and its folder."""
+
+    run: Run
+    config: Mapping[str, Any]
+    folder: Path
+
+    @classmethod
+    def of(cls, run: Run, store: Path, runs: Path) -> "Job":
+        """The job of `run` on the grids in `store`, in a folder below `runs` that its configuration names.
+
+        Raises:
+            UserError: as `envpred fit` would refuse its options.
+        """
+        config = FitArguments([*run.options, f"--data.store={store}"]).base
+        data = {name: value for name, value in config["data"].items() if name != "store"}
+        return cls(run, config, runs / f"{run.name}-{digest({**config, 'data': data, 'store': run.store})[:8]}")
+
+    @property
+    def result(self) -> Path:
+        """The result of its test."""
+        return self.folder / RESULT
+
+    def is_done(self) -> bool:
+        """Whether its result is there, of the grids as they are now."""
+        try:
+            told = json.loads(self.result.read_text())["data"]
+        except (OSError, ValueError, KeyError):
+            return False
+        data = GridDataModule(**self.config["data"])
+        data.setup("test")
+        now = data.describe("test")
+        return all(told.get(content) == now[content] for content in ("store_hash", "input_hash"))
+
+    def do(self) -> float:
+        """Train and test; what an interruption left is gone on with.  Returns the seconds that it took.
+
+        Raises:
+            TrialFailedError: with the reason.
+            UserError: if the disk is full.
+        """
+        start = time.monotonic()
+        self.folder.mkdir(parents=True, exist_ok=True)
+        self.result.unlink(missing_ok=True)
+        replace_text(self.folder / CONFIG, as_yaml(dict(self.config)))
+        checkpoints = self.folder / "checkpoints"
+        if self.run.trains and not (self.folder / TRAINED).exists():
+            last = checkpoints / "last.ckpt"
+            self._call("fit", *([f"--ckpt_path={last}"] if last.exists() else []))
+            (self.folder / TRAINED).touch()
+        best = next((checkpoints / name for name in BEST if (checkpoints / name).exists()), None)
+        self._call("test", *([f"--ckpt_path={best}"] if best else []))
+        if not self.result.exists():
+            raise UserError(f"{self.folder}: `envpred test` left no {RESULT}; see test.log there")
+        seconds = time.monotonic() - start
+        replace_text(self.folder / SECONDS, json.dumps(seconds))
+        return seconds
+
+    def _call(self, command: str, *options: str) -> None:
+        given = ["--config", str(self.folder / CONFIG), *logged_to(self.folder), *options]
+        log = self.folder / f"{command}.log"
+        with log.open("wb") as out:
+            process = processes.start([sys.executable, "-m", "envpred.cli", command, *given], out)
+            try:
+                code = process.wait()
+            finally:
+                processes.stop(process)
+        if code:
+            raise failure(log, code)

@@ -1,0 +1,60 @@
+"""The same command on every worker of a Dask cluster: spread by Dask, without a scheduler of our own."""
+
+import os
+import sys
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from envpred.errors import UserError
+from sweeps import processes
+
+
+def on_cluster(address: str, module: str, options: Mapping[str, Any], fit: list[str]) -> None:
+    """Run `python -m module` with `options` once on each worker of the Dask scheduler at `address`, to the end.
+
+    A worker that dies takes nothing along but its own part: what it had begun is noticed by the others.
+
+    Raises:
+        UserError: if no scheduler answers, it has no workers, or the command fails everywhere.
+    """
+    try:
+        import distributed
+    except ImportError:
+        raise UserError("--cluster needs Dask: pip install 'envpred[cluster]'") from None
+    given = [f"--{name}={'true' if value is True else value}" for name, value in options.items() if value is not None]
+    command = [sys.executable, "-m", module, *given, *fit]
+    try:
+        client: Any = distributed.Client(address, timeout="5s")
+    except (OSError, ValueError) as error:
+        raise UserError(
+            f"{address}: no Dask scheduler answers there ({error}); start one with `dask scheduler`"
+        ) from None
+    with client:
+        workers = list(client.scheduler_info(n_workers=-1)["workers"])
+        if not workers:
+            raise UserError(f"{address}: has no workers yet; start some with `dask worker {address}`")
+        tasks = [
+            client.submit(attempt, command, os.getcwd(), workers=[worker], pure=False, retries=0) for worker in workers
+        ]
+        failures = []
+        for task, worker in zip(tasks, workers, strict=True):
+            try:
+                failures += [f"{worker}: {line}" for line in task.result()]
+            except distributed.KilledWorker:
+                failures.append(f"{worker}: was killed (out of memory?)")
+    if len(failures) == len(workers):
+        raise UserError("\n".join(failures))
+
+
+def attempt(command: list[str], folder: str) -> list[str]:
+    """Run `command` in `folder` on this machine; its last line if it fails."""
+    if not Path(folder).is_dir():
+        return [f"does not see {folder}; workers need the folder of the command, shared"]
+    with tempfile.TemporaryFile() as log:
+        code = processes.start(command, log, folder).wait()
+        log.seek(0)
+        said = log.read().decode(errors="replace").strip().splitlines()
+    sys.stdout.write("\n".join(said) + "\n")
+    return [said[-1] if said else f"exit code {code}"] if code else []

@@ -1,0 +1,163 @@
+"""Tune the hyperparameters of a model on one input variant: a study of runs of `envpred fit`, on one machine or many.
+
+    python -m sweeps.tune --variant dst_dogma --trials 40 --space sweeps/spaces/prednet.yaml --store grids/
+
+The same command started again, here or on another machine that sees the folder or the database, joins the study; after
+an interruption it goes on with it.  Options of `envpred fit` (--config, --model.*, --data.*, --trainer.*) go to every
+trial.  The folder of the study then holds best.yaml, trials.csv, pictures, and each trial's configuration, log and
+TensorBoard run:
+
+    envpred fit --config studies/prednet_dst_dogma/best.yaml
+    tensorboard --logdir studies/prednet_dst_dogma/trials
+    optuna-dashboard studies/prednet_dst_dogma/journal.log      # pip install 'envpred[dashboard]'
+
+A worker uses the devices that it sees: give each its own, as by CUDA_VISIBLE_DEVICES.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import optuna
+from torch.utils.tensorboard import SummaryWriter
+
+from envpred.datamodules import GridDataModule
+from envpred.errors import UserError
+from envpred.results import short_name
+from envpred.store import digest
+from sweeps import sampling
+from sweeps.arguments import FitArguments
+from sweeps.best import replace_text, table, write_best
+from sweeps.command import run
+from sweeps.pictures import draw
+from sweeps.sampling import PrunerName, SamplerName
+from sweeps.space import Space, read_space
+from sweeps.spread import on_cluster
+from sweeps.storage import JOURNAL, hidden, open_storage, told
+from sweeps.study import ARGUMENTS, Worker, failed_with, open_study
+from sweeps.trial import Runner, TrialFailedError
+from sweeps.trial import fit as fit_command
+
+
+def tune(
+    variant: str,
+    space: Path,
+    store: Path,
+    fit: list[str],
+    trials: int = 40,
+    out: Path = Path("studies"),
+    name: str | None = None,
+    storage: str | None = None,
+    sampler: SamplerName = "tpe",
+    pruner: PrunerName = "median",
+    seed: int = 0,
+    grace: float = 60.0,
+    max_failures: int = 5,
+    force: bool = False,
+    cluster: str | None = None,
+) -> None:
+    """Work on a study until it has the trials asked for.
+
+    Args:
+        variant: input variant that is tuned for.
+        space: what is searched, a YAML file (see `sweeps.space`).
+        store: folder that `envpred grids` wrote.
+        fit: options of `envpred fit` that every trial starts from; by default the space's own configuration.
+        trials: complete trials that the study is to hold at its end; pruned and failed ones come on top.
+        out: folder for studies.
+        name: of the study; by default <model>_<variant>.
+        storage: URL of a database for the study, such as postgresql+psycopg://user@host/optuna; by default a journal in
+            its folder.
+        sampler: tpe, or random.
+        pruner: median, hyperband, or none; what it ends early is not complete.
+        seed: of the sampler.
+        grace: seconds of silence after which a worker on another machine counts as dead, and its trial is run again.
+        max_failures: trials that may fail in a row before it is all given up.
+        force: go on with a study of other grids, another space or another configuration.
+        cluster: address of a Dask scheduler; each of its workers joins the study, and this command waits.
+    """
+    given = dict(locals())
+    read = read_space(space)
+    options = [*_configs(read, fit), *fit, f"--data.variant={variant}", f"--data.store={store}"]
+    base = FitArguments(options)
+    read.check(base)
+    model = short_name(base.base["model"]["class_path"].rsplit(".", 1)[1])
+    name = name or f"{model}_{variant}"
+    folder = out / name
+    identity = {"space": read.hash, "data": data_hash(base.base["data"]), "configuration": _configuration_hash(base)}
+    optuna.logging.set_verbosity(optuna.logging.WARNING)
+    with told(folder, storage):
+        kept = open_storage(folder, storage)
+        study = open_study(
+            kept, name, identity, sampling.sampler(sampler, seed, read.values_in(base)), sampling.pruner(pruner), force
+        )
+        read.check_joins(study)
+        if cluster is not None:
+            on_cluster(cluster, "sweeps.tune", {k: v for k, v in given.items() if k not in ("fit", "cluster")}, fit)
+        else:
+            objective = Objective(study, read, base, Runner(folder / "trials", fit_command))
+            Worker(study, kept, trials, objective, grace, max_failures, say=_say).work()
+        place = hidden(storage) if storage else str(folder / JOURNAL)
+        _say(f"best of {trials}: {write_best(study, base, identity, place, folder)}")
+        replace_text(folder / "trials.csv", table(study))
+        draw(study, folder)
+
+
+@dataclass(frozen=True)
+class Objective:
+    """What a trial's values are worth: the validation error of a run of `envpred fit` with them."""
+
+    study: optuna.Study
+    space: Space
+    fit: FitArguments
+    runner: Runner
+
+    def __call__(
+        self, trial: optuna.Trial, on_rung: Callable[[int, float], None], on_poll: Callable[[], None]
+    ) -> float:
+        arguments = self.space.suggest(trial)
+        trial.set_user_attr(ARGUMENTS, arguments)
+        before = failed_with(self.study, arguments)
+        if before is not None:
+            raise TrialFailedError(f"not run: trial {before.number} ran out of memory with the same values", True)
+        value = self.runner.run(trial.number, self.fit.complete(arguments), on_rung, on_poll)
+        with SummaryWriter(str(self.runner.folder / f"{trial.number:04d}" / "searched")) as writer:
+            shown = {k: v if isinstance(v, bool | int | float | str) else str(v) for k, v in arguments.items()}
+            writer.add_hparams(shown, {"tuned/val_mse": value}, run_name=".")
+        return value
+
+
+def data_hash(options: Mapping[str, Any]) -> str:
+    """What tells the training and validation windows of a data configuration from others; the test's do not count."""
+    data = GridDataModule(**options)
+    data.setup("fit")
+    told_of = [data.describe(part) for part in ("train", "val")]
+    return digest([{k: v for k, v in part.items() if k not in ("store", "split")} for part in told_of])
+
+
+def _configuration_hash(fit: FitArguments) -> str:
+    """What trials start from; where the store lies does not matter."""
+    return digest({**fit.base, "data": {k: v for k, v in fit.base["data"].items() if k != "store"}})
+
+
+def _configs(space: Space, fit: list[str]) -> list[str]:
+    """The space's own configuration, unless others are given."""
+    if any(option == "-c" or option.split("=", 1)[0] == "--config" for option in fit):
+        return []
+    if not space.config:
+        raise UserError(f"{space.file}: names no configuration to start from; give --config configs/model/...")
+    return [f"--config={file}" for file in space.config]
+
+
+def _say(line: str) -> None:
+    print(line, flush=True)
+
+
+def main(args: list[str] | None = None) -> None:
+    """Entry point of `python -m sweeps.tune`."""
+    run(tune, args)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,145 @@
+"""`python -m sweeps.ablation` from the plan to the report, with runs of a second in this very process."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from envpred.callbacks import Pictures
+from envpred.cli import main as envpred
+from envpred.results import RESULT
+from sweeps.ablation import main
+from sweeps.runs import CONFIG, Job
+from sweeps.trial import TrialFailedError, logged_to
+from tests.stores import write_store
+from tests.sweeps.conftest import SMALL
+
+
+@pytest.fixture
+def called(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """What envpred is called for; it runs in this process, which has its libraries already."""
+    calls: list[str] = []
+
+    def call(job: Job, command: str, *options: str) -> None:
+        calls.append(f"{command} {job.run.name}")
+        envpred([command, "--config", str(job.folder / CONFIG), *logged_to(job.folder), *options])
+
+    monkeypatch.setattr(Job, "_call", call)
+    for hook in ("on_validation_end", "on_test_end"):
+        monkeypatch.setattr(Pictures, hook, lambda *_: None)  # drawing takes longer than all else
+    return calls
+
+
+def arguments(store: Path, out: Path, *more: str) -> list[str]:
+    quick = [
+        "--model.channels=[4]",
+        "--model.t1_epochs=1",
+        "--model.t5_epochs=1",
+        "--data.samples=1",
+        "--data.crop=null",
+    ]
+    choice = ["--variants=[prob_static,prob_dogma]", "--switches=[t5_only]"]
+    return [f"--store={store}", f"--out={out}", f"--config={SMALL}", *quick, *choice, *more]
+
+
+def test_from_the_plan_to_the_report_and_not_twice(
+    tmp_path: Path, called: list[str], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    store = write_store(tmp_path / "grids", {name: list(range(60)) for name in "abc"}, dogma=True)
+    out = tmp_path / "out"
+    main(arguments(store, out, "--dry_run=true"))
+    said = capsys.readouterr().out
+    assert "5 of 5 runs and 0 stores to do, about 0:" in said
+    assert called == []
+    assert not out.exists()
+
+    main(arguments(store, out))
+    assert len(called) == 4 * 2 + 1
+    text = (out / "sweep.md").read_text()
+    assert "| t5_only | 0 |" in text
+    assert "one stage instead of two: t+5 alone" in text
+    assert "[report](report/variants/report.html)" in text
+    for group, compared in (("variants", 3), ("network", 2)):
+        assert (out / "report" / group / "report.html").exists()
+        table = (out / "report" / group / "methods.md").read_text()
+        assert sum(line.startswith("| ") for line in table.splitlines()) >= compared
+    (job,) = (out / "runs").glob("t5_only-*")
+    result = json.loads((job / "result.json").read_text())
+    assert result["model"]["hyperparameters"]["t1_epochs"] == 0
+
+    called.clear()
+    # They are there.
+    monkeypatch.setattr("sweeps.ablation.report", lambda results, page, same_inputs: page / "report.html")
+    main(arguments(store, out))
+    assert called == []
+    assert "0 of 5 runs" in capsys.readouterr().out
+
+    (job / "result.json").unlink()  # interrupted between training and test
+    main(arguments(store, out))
+    assert called == ["test t5_only"]
+
+    capsys.readouterr()
+    main(arguments(store, out, "--data.samples=2", "--dry_run=true"))  # another configuration
+    assert "4 of 5 runs" in capsys.readouterr().out  # the baseline does not train
+
+
+def test_results_of_other_grids_are_made_anew(tmp_path: Path, called: list[str]) -> None:
+    args = ["--variants=[prob_static]", "--switches=[]", "--model.t5_epochs=0"]
+    for seed in (0, 5):
+        store = write_store(tmp_path / f"{seed}" / "grids", {name: list(range(40)) for name in "abc"}, seed=seed)
+        (tmp_path / "grids").unlink(missing_ok=True)
+        (tmp_path / "grids").symlink_to(store)
+        main([*arguments(tmp_path / "grids", tmp_path / "out"), *args])
+    assert called.count("test prob_static_default_seed0") == 2
+
+
+def test_a_failed_run_is_told_and_the_others_are_done(
+    store: Path, tmp_path: Path, called: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    call = Job._call
+
+    def fail(job: Job, command: str, *options: str) -> None:
+        if job.run.name == "t5_only":
+            raise TrialFailedError("the forecast is the same everywhere")
+        call(job, command, *options)
+
+    monkeypatch.setattr(Job, "_call", fail)
+    with pytest.raises(SystemExit):
+        main(arguments(store, tmp_path / "out", "--variants=[dst_static]"))
+    lines = capsys.readouterr().err.splitlines()
+    assert any("t5_only: the forecast is the same everywhere" in line for line in lines)
+    assert lines[-1] == "1 of 3 runs and their reports failed; the others are done"
+    assert "* failed: t5_only" in (tmp_path / "out" / "sweep.md").read_text()
+
+
+@pytest.mark.parametrize(
+    ("more", "says"),
+    [
+        (["--switches=[ransac]"], "give their folder as --source"),
+        (["--switches=[one]"], "there are t1_only"),
+        (["--tuned=nowhere"], "run sweeps.tune first"),
+        (["--model.chanels=[4]"], "'chanels' is not accepted"),
+    ],
+)
+def test_mistakes_are_one_line(
+    store: Path, tmp_path: Path, more: list[str], says: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as stop:
+        main(arguments(store, tmp_path / "out", *more))
+    assert stop.value.code == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert says in line
+    assert not (tmp_path / "out").exists()
+
+
+def test_velocities_are_asked_for(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    plain = write_store(tmp_path / "plain", {name: list(range(40)) for name in "abc"})
+    with pytest.raises(SystemExit):
+        main(arguments(plain, tmp_path / "out"))
+    assert "a, b, c hold no velocities" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_as_processes(store: Path, tmp_path: Path) -> None:
+    main(arguments(store, tmp_path / "out", "--variants=[prob_static]"))
+    assert len(list((tmp_path / "out" / "runs").glob(f"*/{RESULT}"))) == 3

@@ -1,0 +1,165 @@
+"""The plan of an ablation, and the stores that it builds: what differs from the unchanged run, and nothing else."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from envpred.build import MappingParameters
+from envpred.build_dogma import build_dogma
+from envpred.datamodules.variants import VARIANTS
+from envpred.errors import UserError
+from envpred.mapping.dogma import DogmaParameters
+from envpred.mapping.evidence import EvidenceParameters
+from envpred.mapping.particle_state import ParticleFilterParameters
+from envpred.store import Store
+from sweeps import stores
+from sweeps.arguments import FitArguments
+from sweeps.plan import MAIN, SWITCHES, Run, make_plan
+from tests import builds
+from tests.drives.synthetic import write_drive
+from tests.stores import write_store
+from tests.sweeps.conftest import SMALL
+
+FIT = [f"--config={SMALL}", "--model.t1_epochs=2", "--model.t5_epochs=4", "--model.t5_drop_epoch=3", "--data.val=[b]"]
+
+
+def planned(switches: list[str], **options: Any) -> dict[str, Run]:
+    given = {"fit": FIT, "tuned": {}, "variants": ["dst_static"], "switches": switches, "seeds": [0]} | options
+    return {run.name: run for run in make_plan(**given)}
+
+
+def changed(name: str) -> dict[str, Any]:
+    """What a switch changes of the complete configuration."""
+    runs = planned([name])
+    variant = SWITCHES[name].variant
+    (unchanged,) = (planned([], variants=[variant])[f"{variant}_default_seed0"],)
+    one, two = (FitArguments([*run.options, "--data.store=."]).base for run in (unchanged, runs[name]))
+    flat = [{**c["data"], **c["model"]["init_args"], **c["trainer"], "seed": c["seed_everything"]} for c in (one, two)]
+    return {key: flat[1][key] for key in flat[1] if flat[0][key] != flat[1][key]}
+
+
+def test_every_variant_is_run_with_every_seed_and_set_of_hyperparameters(tmp_path: Path, fit: FitArguments) -> None:
+    best = tmp_path / "best.yaml"
+    best.write_text(yaml.safe_dump(fit.complete({"model.channels": [4, 4], "data.samples": 7, "data.val": ["c"]})))
+    runs = planned([], variants=list(VARIANTS), seeds=[0, 3], tuned={"dst_dogma": best})
+    trained = [run for run in runs.values() if run.trains]
+    assert len(trained) == 4 * 2 + 2
+    config = FitArguments([*runs["dst_dogma_tuned_seed3"].options, "--data.store=."]).base
+    assert config["model"]["init_args"]["channels"] == [4, 4]
+    assert (config["data"]["variant"], config["data"]["samples"], config["data"]["seed"]) == ("dst_dogma", 7, 3)
+    assert config["seed_everything"] == 3
+    assert config["data"]["val"] == ["b"]  # judged as the others are
+    assert {run.groups for run in trained} == {("variants",)}
+    baseline = FitArguments([*runs["moved_last_frame"].options, "--data.store=."]).base
+    assert baseline["model"]["class_path"].endswith("MovedLastFrame")
+    assert baseline["data"]["val"] == ["b"]
+
+
+@pytest.mark.parametrize(
+    ("name", "changes"),
+    [
+        ("t1_only", {"t1_epochs": 6, "t1_drop_epoch": 6, "t5_epochs": 0}),
+        ("t5_only", {"t5_epochs": 6, "t5_drop_epoch": 5, "t1_epochs": 0}),
+        ("feedback_current", {"feedback": "current"}),
+        ("all_scored", {"first_scored": 1}),
+        ("absolute_error", {"t5_error": "absolute"}),
+        ("ground_velocity", {}),
+        ("fewer_particles", {}),
+        ("ransac", {}),
+        ("context_3", {"given": 3, "length": 18}),
+        ("context_10", {"given": 10, "length": 25}),
+    ],
+)
+def test_a_switch_changes_one_thing(name: str, changes: dict[str, Any]) -> None:
+    assert changed(name) == changes
+    assert (SWITCHES[name].store == MAIN) == bool(changes)  # what changes nothing here changes the grids
+
+
+def test_a_switch_is_reported_beside_the_unchanged_run() -> None:
+    runs = planned(["t1_only", "feedback_current", "fewer_particles", "ransac"])
+    together = {
+        group: {name for name, run in runs.items() if group in run.groups}
+        for group in ("variants", "network", "velocities", "ransac")
+    }
+    assert together["variants"] == {"dst_static_default_seed0", "moved_last_frame"}
+    assert together["network"] == {"dst_static_default_seed0", "t1_only", "feedback_current"}
+    assert together["velocities"] == {"dst_dogma_default_seed0", "fewer_particles"}
+    assert together["ransac"] == {"ransac"}
+
+
+def test_what_the_configuration_has_already_is_left_out() -> None:
+    names = ["all_scored", "forecasts_scored", "absolute_error", "squared_error", "t5_only", "context_3"]
+    assert planned(names).keys() & set(names) == {"all_scored", "absolute_error", "t5_only", "context_3"}
+    paper = [*FIT, "--model.first_scored=1", "--model.t5_error=absolute", "--model.t1_epochs=0", "--data.given=3"]
+    found = planned(names, fit=[*paper, "--data.length=18"])
+    assert found.keys() & set(names) == {"forecasts_scored", "squared_error"}
+
+
+def test_what_is_not_known_is_refused() -> None:
+    with pytest.raises(UserError, match=r"--switches .*there are t1_only"):
+        planned(["one"])
+    with pytest.raises(UserError, match=r"--variants .*there are dst_static"):
+        planned([], variants=["dst"])
+    with pytest.raises(UserError, match="give different numbers"):
+        planned([], seeds=[1, 1])
+
+
+def test_another_ground_segmentation_is_all_that_differs(tmp_path: Path) -> None:
+    main = Store(tmp_path / "main")
+    main.claim("mapping", MappingParameters(evidence=EvidenceParameters(discount=0.8)).as_dict())
+    options = stores.command("ransac", main.folder, tmp_path / "ransac", tmp_path)
+    assert {"--ground=RansacPlane", "--evidence.discount=0.8", "--grid.cells=128", "--sensor=calibration"} < set(
+        options
+    )
+    assert not any(option.startswith(("--ground.", "--particles", "--dogma")) for option in options)
+
+
+def test_another_filter_is_all_that_differs(tmp_path: Path) -> None:
+    main = write_store(tmp_path / "main", {"a": list(range(6)), "b": [*range(3), *range(5, 9)]})
+    build_dogma(main, DogmaParameters(ParticleFilterParameters(2000, 200, birth=0.03), tau=5), workers=1)
+    before = Store(main)
+    for key, changes in (
+        ("ground_velocity", {"frame": "ground"}),
+        ("fewer_particles", {"persistent": 200, "births": 20}),
+    ):
+        folder = tmp_path / key
+        assert not stores.is_whole(key, folder, main)
+        stores.build(key, main, folder, None)
+        assert stores.is_whole(key, folder, main)
+        found = Store(folder)
+        assert found.parameters("mapping") == before.parameters("mapping")
+        given = before.parameters("dogma")
+        assert found.parameters("dogma") == given | {"filter": given["filter"] | changes}
+        for name, drive in found.drives.items():
+            ours, theirs = drive.manifest, before.drives[name].manifest
+            assert {k: ours[k] for k in ("frames", "runs", "lattice")} == {
+                k: theirs[k] for k in ("frames", "runs", "lattice")
+            }
+            assert ours["arrays"]["evidence"]["checksum"] == theirs["arrays"]["evidence"]["checksum"]
+            assert ours["arrays"]["velocity"]["checksum"] != theirs["arrays"]["velocity"]["checksum"]
+            drive.verify()
+
+
+@pytest.mark.slow
+def test_drives_are_mapped_with_ransac(tmp_path: Path) -> None:
+    source, main = tmp_path / "drives", tmp_path / "main"
+    write_drive(source, "0001", frames=6, azimuths=90)
+    done = builds.run(source, main, "--workers=1", "--evidence.discount=0.8")
+    assert done.returncode == 0, done.stderr
+    stores.build("ransac", main, tmp_path / "ransac", source)
+    assert stores.is_whole("ransac", tmp_path / "ransac", main)
+    before, ransac = (Store(folder).parameters("mapping") for folder in (main, tmp_path / "ransac"))
+    assert ransac.pop("ground")["method"] == "RansacPlane"
+    assert ransac == {name: value for name, value in before.items() if name != "ground"}
+
+
+def test_what_cannot_be_built_is_refused(store: Path, tmp_path: Path) -> None:
+    with pytest.raises(UserError, match="give their folder as --source"):
+        stores.check("ransac", store, None, False)
+    main = Store(tmp_path / "main")
+    main.claim("mapping", MappingParameters().as_dict())
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(UserError, match=r"the store of ransac cannot be built: .*no drive"):
+        stores.build("ransac", main.folder, tmp_path / "ransac", tmp_path / "empty")

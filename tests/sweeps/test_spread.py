@@ -1,0 +1,63 @@
+"""The same command on the workers of a Dask cluster."""
+
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import optuna
+import pytest
+
+from envpred.errors import UserError
+from sweeps.spread import attempt, on_cluster
+from sweeps.storage import open_storage
+from tests.sweeps.conftest import REPOSITORY, SMALL
+
+distributed = pytest.importorskip("distributed")
+
+
+def test_a_failed_command_gives_its_last_line(tmp_path: Path) -> None:
+    said = "import os, sys; print(os.getcwd()); sys.exit(sys.argv[1])"
+    assert attempt([sys.executable, "-c", said, "broken"], str(tmp_path)) == ["broken"]
+    assert attempt([sys.executable, "-c", "pass"], str(tmp_path)) == []
+    (line,) = attempt([sys.executable, "-c", "pass"], str(tmp_path / "nowhere"))
+    assert "does not see" in line
+
+
+@pytest.fixture
+def cluster(monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
+    """The address of a scheduler with two workers."""
+    monkeypatch.chdir(REPOSITORY)
+    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, processes=False, dashboard_address=None) as found:
+        yield found.scheduler_address
+
+
+def test_a_cluster_runs_the_command_and_says_why_it_fails(cluster: str, tmp_path: Path) -> None:
+    (tmp_path / "in.json").write_text("{}")
+    on_cluster(
+        cluster, "json.tool", {"indent": 2, "tab": None}, [str(tmp_path / "in.json"), str(tmp_path / "out.json")]
+    )
+    assert (tmp_path / "out.json").read_text().strip() == "{}"
+    with pytest.raises(UserError, match="nowhere") as error:
+        on_cluster(cluster, "json.tool", {}, [str(tmp_path / "nowhere.json")])
+    assert len(str(error.value).splitlines()) == 2
+
+
+@pytest.mark.slow
+def test_every_worker_of_a_cluster_joins(
+    cluster: str, store: Path, space_file: Path, tmp_path: Path, checkpoint: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("STUB_CHECKPOINT", str(checkpoint))
+    monkeypatch.setenv("STUB_SECONDS", "1")
+    options = {
+        "variant": "dst_static",
+        "store": store,
+        "space": space_file,
+        "out": tmp_path,
+        "trials": 6,
+        "force": True,
+    }
+    on_cluster(cluster, "tests.sweeps.stub", options, [f"--config={SMALL}", "--data.crop=null"])
+    storage = open_storage(tmp_path / "prednet_dst_static", None)
+    trials = optuna.load_study(study_name="prednet_dst_static", storage=storage).trials
+    assert [trial.state.name for trial in trials if trial.state.name != "WAITING"] == ["COMPLETE"] * 6
+    assert len({trial.user_attrs["worker"]["pid"] for trial in trials if "worker" in trial.user_attrs}) == 2

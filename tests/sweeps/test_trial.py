@@ -1,0 +1,134 @@
+"""One trial: what is left beside its log, what it is worth, and why it failed."""
+
+import os
+import signal
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from envpred.errors import UserError
+from sweeps import processes
+from sweeps.arguments import FitArguments
+from sweeps.progress import Progress, epochs_of
+from sweeps.trial import CONFIG, LOG, Runner, TrialFailedError, failure, fit, logged_to
+from tests import builds
+from tests.sweeps import stub
+
+
+def script(text: str) -> Callable[[Path, Path], list[str]]:
+    return lambda config, folder: [sys.executable, "-c", text]
+
+
+def ignore(*told: object) -> None:
+    pass
+
+
+def test_a_trial_is_worth_its_best_checkpoints_validation(
+    fit: FitArguments, tmp_path: Path, checkpoint: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("STUB_CHECKPOINT", str(checkpoint))  # of the second of three validations
+    rungs: list[tuple[int, float]] = []
+    config = fit.complete({"model.t1_lr": 0.01})
+    value = Runner(tmp_path, stub.command).run(7, config, lambda *told: rungs.append(told), ignore)
+    assert value == pytest.approx(0.02)
+    assert [rung for rung, _ in rungs] == list(range(1, 11))
+    # Epochs end at 33 %, 67 % and 100 %; a tenth is told with the validation that completed it.
+    assert [round(100 * value) for _, value in rungs] == [3, 3, 3, 2, 2, 2, 1, 1, 1, 1]
+    assert FitArguments([f"--config={tmp_path / '0007' / CONFIG}"]).base == config
+    assert (tmp_path / "0007" / LOG).exists()
+
+
+def test_epochs_are_those_of_all_stages_at_most_the_trainers(fit: FitArguments) -> None:
+    assert epochs_of(fit.complete({"model.t1_epochs": 2, "model.t5_epochs": 5})) == 7
+    assert epochs_of(fit.complete({"model.t5_epochs": 5, "trainer.max_epochs": 4})) == 4
+    assert epochs_of(fit.complete({"model.t5_epochs": 5, "trainer.max_epochs": -1})) == 6
+
+
+def test_a_real_run_is_read_right(fit: FitArguments, tmp_path: Path) -> None:
+    """Lightning's own events and checkpoint: the validation at the step of the best one."""
+    import torch
+
+    arguments = {"model.channels": [4], "data.samples": 2, "model.t5_lr": 0.02, "model.t5_epochs": 3}
+    value = Runner(tmp_path).run(0, fit.complete(arguments), ignore, ignore)
+    progress = Progress(tmp_path / "0000", 4)
+    validations = progress.validations()
+    assert [epoch for epoch, _, _ in validations] == [0, 1, 2, 3]
+    best = torch.load(tmp_path / "0000" / "checkpoints" / "best.ckpt", weights_only=True)
+    assert value == validations[best["epoch"]][2] == progress.score()
+    assert (tmp_path / "0000" / "config.yaml").exists()
+
+
+@pytest.mark.parametrize(
+    ("said", "code", "reason", "memory"),
+    [
+        ("x\nenvpred: no drive to train\nlater", 1, "no drive to train", False),
+        ("Traceback\n  line\nValueError: broken", 1, "ValueError: broken", False),
+        ("torch.OutOfMemoryError: CUDA out of memory. Tried", 1, "torch.OutOfMemoryError", True),
+        ("RuntimeError: DefaultCPUAllocator: can't allocate memory: you tried", 1, "RuntimeError", True),
+        ("going on", -9, "killed from outside", True),
+        ("Aborted", -6, "ended by signal 6: Aborted", False),
+        ("", 3, "exit code 3", False),
+    ],
+)
+def test_reasons_of_failures(tmp_path: Path, said: str, code: int, reason: str, memory: bool) -> None:
+    (tmp_path / LOG).write_text(said)
+    failed = failure(tmp_path / LOG, code)
+    assert isinstance(failed, TrialFailedError)
+    assert str(failed).startswith(reason)
+    assert failed.out_of_memory == memory
+
+
+def test_a_full_disk_is_no_fault_of_the_values(tmp_path: Path) -> None:
+    (tmp_path / LOG).write_text("OSError: [Errno 28] No space left on device")
+    assert isinstance(failure(tmp_path / LOG, 1), UserError)
+
+
+def test_a_run_that_leaves_nothing_failed(fit: FitArguments, tmp_path: Path) -> None:
+    with pytest.raises(TrialFailedError, match="no best checkpoint"):
+        Runner(tmp_path, script("pass")).run(0, fit.base, ignore, ignore)
+
+
+def test_an_ended_trial_leaves_no_process(fit: FitArguments, tmp_path: Path) -> None:
+    def on_poll() -> None:
+        if (tmp_path / "pid").exists():
+            raise KeyboardInterrupt
+
+    text = f"import os, time; open({str(tmp_path / 'part')!r}, 'w').write(str(os.getpid()))\n"
+    text += f"os.rename({str(tmp_path / 'part')!r}, {str(tmp_path / 'pid')!r}); time.sleep(60)"
+    with pytest.raises(KeyboardInterrupt):
+        Runner(tmp_path, script(text)).run(0, fit.base, ignore, on_poll)
+    assert not builds.runs(int((tmp_path / "pid").read_text()))
+
+
+def test_a_child_dies_with_its_parent(tmp_path: Path) -> None:
+    """Also by SIGKILL, where the parent cannot say anything."""
+    text = "import os, sys; from sweeps import processes\n"
+    text += "child = processes.start(['sleep', '60'], open(os.devnull, 'wb'))\n"
+    text += "print(child.pid, flush=True); child.wait()"
+    read, write = os.pipe()
+    with os.fdopen(write, "wb") as out:
+        parent = processes.start([sys.executable, "-c", text], out)
+    with os.fdopen(read) as lines:
+        child = int(lines.readline())
+    assert builds.runs(child)
+    os.kill(parent.pid, signal.SIGKILL)
+    parent.wait()
+    end = time.monotonic() + 10
+    while builds.runs(child):
+        assert time.monotonic() < end
+        time.sleep(0.02)
+
+
+def test_processes_are_told_from_later_ones_of_their_number() -> None:
+    us = processes.identity()
+    assert not processes.is_gone(us)
+    assert processes.is_gone(us | {"started": us["started"] - 1})
+    assert not processes.is_gone(us | {"machine": "another", "started": 1})
+
+
+def test_runs_write_where_they_are_told(tmp_path: Path) -> None:
+    assert fit(tmp_path / "a" / CONFIG, tmp_path / "a")[-len(logged_to(tmp_path / "a")) :] == logged_to(tmp_path / "a")
+    assert f"--trainer.logger.init_args.save_dir={tmp_path}" in logged_to(tmp_path / "a")

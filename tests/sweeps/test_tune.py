@@ -1,0 +1,115 @@
+"""`python -m sweeps.tune` as a user calls it, with trials that train nothing, and once with trials that do."""
+
+import csv
+from pathlib import Path
+
+import pytest
+import yaml
+from PIL import Image
+from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+
+from envpred.cli import main as envpred
+from sweeps.arguments import FitArguments
+from sweeps.best import BEST
+from sweeps.tune import main
+from tests.stores import write_store
+from tests.sweeps.conftest import SMALL, tuning
+
+
+def failed(args: list[str], capsys: pytest.CaptureFixture[str]) -> str:
+    """The one line of a command that fails."""
+    capsys.readouterr()
+    with pytest.raises(SystemExit) as stop:
+        main(args)
+    assert stop.value.code == 1
+    (line,) = [line for line in capsys.readouterr().err.splitlines() if line.startswith("sweeps.tune: ")]
+    return line
+
+
+@pytest.mark.usefixtures("stubbed")
+def test_a_study_leaves_the_best_a_table_and_pictures(store: Path, space_file: Path, tmp_path: Path) -> None:
+    main(tuning(store, space_file, tmp_path / "out", "--trials=4", "--pruner=none"))
+    folder = tmp_path / "out" / "prednet_dst_static"
+    rows = list(csv.DictReader((folder / "trials.csv").open()))
+    assert [row["state"] for row in rows] == ["COMPLETE"] * 4
+    best = min(rows, key=lambda row: float(row["val_mse"]))
+    assert float(best["val_mse"]) == pytest.approx(2 * float(best["model.t1_lr"]), rel=1e-6)  # as the stub says
+    text = (folder / BEST).read_text()
+    for line in (f"# trial: {best['trial']}", "# study: prednet_dst_static", "# data: ", "# revision: ", "# space: "):
+        assert line in text
+    found = yaml.safe_load(text)
+    assert found["model"]["init_args"]["t1_lr"] == float(best["model.t1_lr"])
+    assert found == yaml.safe_load((folder / "trials" / f"{int(best['trial']):04d}" / "trial.yaml").read_text())
+    for name in ("history", "importances", "parallel_coordinates", "intermediate_values"):
+        assert min(Image.open(folder / f"{name}.png").size) > 300
+    searched = EventAccumulator(str(folder / "trials" / "0000" / "searched")).Reload()
+    assert searched.Scalars("tuned/val_mse")[0].value == pytest.approx(float(rows[0]["val_mse"]))
+    assert "_hparams_/session_start_info" in searched.summary_metadata
+
+
+@pytest.mark.usefixtures("stubbed")
+def test_best_is_used_as_it_is(store: Path, space_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    main(tuning(store, space_file, tmp_path / "out", "--trials=1", "--variant=prob_dogma"))
+    best = str(tmp_path / "out" / "prednet_prob_dogma" / BEST)
+    envpred(["fit", "--config", best, "--trainer.enable_progress_bar=false", "--trainer.max_epochs=1"])
+    again = yaml.safe_load((tmp_path / "runs" / "prednet" / "prob_dogma" / "version_0" / "config.yaml").read_text())
+    assert again["data"]["variant"] == "prob_dogma"
+    assert again["model"] == FitArguments([f"--config={best}"]).base["model"]
+
+
+@pytest.mark.usefixtures("stubbed")
+def test_studies_of_other_grids_spaces_and_configurations_are_refused(
+    store: Path, space_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    common = ["--trials=1", "--name=s"]
+    main(tuning(store, space_file, tmp_path, *common))
+    other = write_store(tmp_path / "other", {name: list(range(40)) for name in "abc"}, seed=5)
+    line = failed(tuning(other, space_file, tmp_path, *common), capsys)
+    assert "made with another data" in line
+    assert "configuration" not in line  # a store may lie anywhere
+    assert "another configuration" in failed(tuning(store, space_file, tmp_path, *common, "--data.samples=4"), capsys)
+    space_file.write_text("model.t1_lr: {low: 1e-4, high: 1e-3}")
+    assert "another space" in failed(tuning(store, space_file, tmp_path, *common), capsys)
+    line = failed(tuning(store, space_file, tmp_path, *common, "--force=true"), capsys)
+    assert "model.t1_lr was searched otherwise in trial 0" in line
+    space_file.write_text("model.t1_lr: {low: 1e-4, high: 1e-3, log: true}")
+    main(tuning(store, space_file, tmp_path, *common, "--trials=2", "--force=true"))
+
+
+@pytest.mark.usefixtures("stubbed")
+def test_mistakes_are_one_line_before_the_first_trial(
+    store: Path, space_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    assert "no such search space" in failed(tuning(store, tmp_path / "no.yaml", out), capsys)
+    assert "no store of grids" in failed(tuning(tmp_path / "nothing", space_file, out), capsys)
+    assert "no input variant 'dst'" in failed(tuning(store, space_file, out, "--variant=dst"), capsys)
+    assert "not reachable" in failed(tuning(store, space_file, out, "--storage=sqlite:////no/such/a.db"), capsys)
+    assert "no Dask scheduler" in failed(tuning(store, space_file, out, "--cluster=tcp://127.0.0.1:1"), capsys)
+    space_file.write_text("model.t1_lrr: {low: 1e-4, high: 1e-3}")
+    assert "did you mean model.t1_lr?" in failed(tuning(store, space_file, out), capsys)
+    options = [option for option in tuning(store, space_file, out) if not option.startswith("--config")]
+    assert "give --config" in failed(options, capsys)
+    (tmp_path / "file").write_text("")
+    space_file.write_text("model.t1_lr: {low: 1e-4, high: 1e-3}")
+    assert "Not a directory" in failed(tuning(store, space_file, tmp_path / "file"), capsys)
+    assert not (out / "prednet_dst_static" / "trials").exists()
+
+
+@pytest.mark.usefixtures("stubbed")
+def test_failing_trials_end_in_their_reason(
+    store: Path, space_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    space_file.write_text("model.t1_lr: {low: 2e-3, high: 1e-2}")
+    monkeypatch.setenv("STUB_FAIL", "CUDA out of memory")
+    line = failed(tuning(store, space_file, tmp_path, "--trials=2", "--max_failures=2"), capsys)
+    assert "the last 2 trials" in line
+    assert "CUDA out of memory" in line
+
+
+def test_a_spaces_own_configuration_is_taken(store: Path, space_file: Path, tmp_path: Path, stubbed: None) -> None:
+    space_file.write_text(f"config: {SMALL}\nmodel.t1_lr: {{low: 1e-4, high: 1e-3}}")
+    options = [option for option in tuning(store, space_file, tmp_path / "out") if not option.startswith("--config")]
+    main([*options, "--trials=1"])
+    assert "channels: [16, 32, 64]" in (tmp_path / "out" / "prednet_dst_static" / BEST).read_text()
