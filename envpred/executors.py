@@ -132,22 +132,33 @@ def _in_worker(job: Job[D], drive: D, place: int) -> str | None:
     return job(drive, count)
 
 
-def on_cluster(job: Job[D], drives: list[D], address: str) -> Outcome:
-    """Run `job` for each drive as a task on the Dask cluster at `address`; a dead worker's tasks go to another one.
+def connect(address: str) -> Any:
+    """A client of the Dask scheduler at `address`.
 
     Raises:
-        UserError: if no scheduler answers, or it goes away.
+        UserError: if Dask is not installed, or no scheduler answers.
     """
     try:
         import distributed
     except ImportError:
         raise UserError("--cluster needs Dask: pip install 'envpred[cluster]'") from None
     try:
-        client: Any = distributed.Client(address, timeout="5s")
+        return distributed.Client(address, timeout="5s")
     except (OSError, ValueError) as error:
         raise UserError(
             f"{address}: no Dask scheduler answers there ({error}); start one with `dask scheduler`"
         ) from None
+
+
+def on_cluster(job: Job[D], drives: list[D], address: str) -> Outcome:
+    """Run `job` for each drive as a task on the Dask cluster at `address`; a dead worker's tasks go to another one.
+
+    Raises:
+        UserError: if no scheduler answers, or it goes away.
+    """
+    client = connect(address)
+    import distributed
+
     with client:
         if not client.scheduler_info()["workers"]:
             tqdm.write(f"{address}: has no workers yet; start some with `dask worker {address}`", file=sys.stderr)

@@ -22,14 +22,13 @@ from torch import Tensor
 from envpred.mapping.dogma import VELOCITY_SCALE, moving_velocity
 from envpred.mapping.geometry import EGO, FREE, OCCUPIED, UNKNOWN, GridSpec, heading_of
 from envpred.plots import LABEL_COLOURS, draw_grid, figure
-from envpred.results import PERIOD, horizon_name
+from envpred.results import PERIOD, SHOWN_HORIZONS, horizon_name
 from envpred.store import StoredDrive
 
 if TYPE_CHECKING:  # Lightning, which only training needs
     from envpred.datamodules import WindowBatch
     from envpred.models import Forecaster
 
-SHOWN = (1, 5, 10, 15)  # horizons, as steps of 0.1 s
 FASTEST = 12.0  # m/s; what is faster has the colour of the wheel's rim
 EGO_COLOUR = "#777777"  # a grey, as colours mean directions here
 EGO_ARROW = np.array([[2.2, 0.0], [-1.2, 1.1], [-0.6, 0.0], [-1.2, -1.1]])  # m, ahead and to the left
@@ -180,7 +179,7 @@ def of_window(model: "Forecaster", batch: "WindowBatch", title: str) -> Figure |
     if forecast_frames is not None:
         with torch.no_grad():
             forecast = seen(forecast_frames(batch, model.given)[0])
-    return velocity_strip(seen(frames[model.given - 1]), seen(frames[model.given :]), forecast, SHOWN, title)
+    return velocity_strip(seen(frames[model.given - 1]), seen(frames[model.given :]), forecast, SHOWN_HORIZONS, title)
 
 
 def _stored(drive: StoredDrive, t: int) -> tuple[Picture, float]:

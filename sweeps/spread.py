@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from envpred.errors import UserError
+from envpred.executors import connect
 from sweeps import processes
 
 
@@ -19,18 +20,11 @@ def on_cluster(address: str, module: str, options: Mapping[str, Any], fit: list[
     Raises:
         UserError: if no scheduler answers, it has no workers, or the command fails everywhere.
     """
-    try:
-        import distributed
-    except ImportError:
-        raise UserError("--cluster needs Dask: pip install 'envpred[cluster]'") from None
     given = [f"--{name}={'true' if value is True else value}" for name, value in options.items() if value is not None]
     command = [sys.executable, "-m", module, *given, *fit]
-    try:
-        client: Any = distributed.Client(address, timeout="5s")
-    except (OSError, ValueError) as error:
-        raise UserError(
-            f"{address}: no Dask scheduler answers there ({error}); start one with `dask scheduler`"
-        ) from None
+    client = connect(address)
+    import distributed
+
     with client:
         workers = list(client.scheduler_info(n_workers=-1)["workers"])
         if not workers:
