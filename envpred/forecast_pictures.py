@@ -4,7 +4,6 @@ Circles are sky blue around the ego and vermilion around what moves, and an anim
 forecast: colours of Okabe and Ito, on maps in grey.
 """
 
-import io
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
@@ -20,7 +19,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from envpred.mapping.geometry import GridSpec
 from envpred.movers import Mover
-from envpred.plots import SKY, VERMILION, Grid, draw_grid, figure
+from envpred.plots import SKY, VERMILION, Grid, draw_grid, figure, gif
 from envpred.results import PERIOD, SHOWN_HORIZONS
 from envpred.scenes import Scene
 
@@ -273,6 +272,4 @@ def animation(
             draw.rectangle((*place, x + tile[0] - 1, y + line + tile[1] - 1), outline=rim, width=3)
         canvas.putpalette(PALETTE)
         frames.append(canvas)
-    out = io.BytesIO()
-    frames[0].save(out, "GIF", save_all=True, append_images=frames[1:], duration=milliseconds, loop=0)
-    return out.getvalue()
+    return gif(frames, milliseconds)

@@ -63,22 +63,6 @@ def draw_labels(ax: Axes, labels: NDArray[np.uint8], resolution: float = GridSpe
     ax.set_ylabel("north (m)")
 
 
-def error_curve(curves: dict[str, tuple[Sequence[float], Sequence[float]]]) -> Figure:
-    """MSE per horizon with a band of one standard error; `curves` maps a name to (mean, standard error)."""
-    fig = figure(5.5, 3.6)
-    ax = fig.subplots()
-    for (name, (mean, error)), colour in zip(curves.items(), (SKY, GREY, VERMILION, GREEN, ORANGE) * 4, strict=False):
-        seconds = PERIOD * np.arange(1, len(mean) + 1)
-        ax.plot(seconds, mean, label=name, color=colour)
-        ax.fill_between(seconds, np.subtract(mean, error), np.add(mean, error), color=colour, alpha=0.25, linewidth=0)
-    ax.set_xlabel("horizon (s)")
-    ax.set_ylabel("MSE of probability of occupied")
-    ax.set_ylim(bottom=0)
-    ax.legend()
-    ax.grid(alpha=0.3)
-    return fig
-
-
 def mapping_overview(labels: NDArray[np.uint8], mass: NDArray[np.float32]) -> Figure:
     """One mapped frame: label grid (H, W), masses of occupied and free (2, H, W), and the probability of occupied."""
     fig = figure(15.5, 4.2)
@@ -106,8 +90,13 @@ def drive_animation(labels: NDArray[np.uint8], mass: NDArray[np.floating], scale
         tiles = [palette[label], np.repeat(grey[..., None], 3, axis=2)]
         tile = np.concatenate([t.transpose(1, 0, 2)[::-1] for t in tiles], axis=1)  # as maps: north up
         frames.append(Image.fromarray(tile.repeat(scale, 0).repeat(scale, 1)))
+    return gif(frames)
+
+
+def gif(frames: Sequence[Image.Image], milliseconds: int = int(1000 * PERIOD)) -> bytes:
+    """`frames` as a GIF that repeats, by default at a drive's own pace."""
     out = io.BytesIO()
-    frames[0].save(out, "GIF", save_all=True, append_images=frames[1:], duration=int(1000 * PERIOD), loop=0)
+    frames[0].save(out, "GIF", save_all=True, append_images=frames[1:], duration=milliseconds, loop=0)
     return out.getvalue()
 
 

@@ -3,7 +3,6 @@
 What stands is black, as occupied cells are drawn everywhere; only cells that the filter finds to move have a colour.
 """
 
-import io
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, cast
 
@@ -21,8 +20,8 @@ from torch import Tensor
 
 from envpred.mapping.dogma import VELOCITY_SCALE, moving_velocity
 from envpred.mapping.geometry import EGO, FREE, OCCUPIED, UNKNOWN, GridSpec, heading_of
-from envpred.plots import LABEL_COLOURS, draw_grid, figure
-from envpred.results import PERIOD, SHOWN_HORIZONS, horizon_name
+from envpred.plots import LABEL_COLOURS, draw_grid, figure, gif
+from envpred.results import SHOWN_HORIZONS, horizon_name
 from envpred.store import StoredDrive
 
 if TYPE_CHECKING:  # Lightning, which only training needs
@@ -117,9 +116,7 @@ def of_drive(drive: StoredDrive) -> bytes:
         frames.append(Image.fromarray(shown.copy()).quantize(256))
         for artist in artists:
             artist.remove()
-    out = io.BytesIO()
-    frames[0].save(out, "GIF", save_all=True, append_images=frames[1:], duration=int(1000 * PERIOD), loop=0)
-    return out.getvalue()
+    return gif(frames)
 
 
 def velocity_strip(
@@ -137,7 +134,7 @@ def velocity_strip(
     chosen = [h for h in horizons if h <= len(target[0])]
     rows = [("target", target)] + ([("forecast", forecast)] if forecast is not None else [])
     width, height = 2.3 * (len(chosen) + 1) + 0.9, 2.3 * len(rows) + 0.9
-    # Placed by hand, as in `plots.forecast_strip`.
+    # Placed by hand, as in `forecast_pictures.forecast_strip`.
     fig = figure(width, height, layout=None)
     axes = fig.subplots(len(rows), len(chosen) + 1, sharex=True, sharey=True, squeeze=False)
     fig.subplots_adjust(0.75 / width, 0.5 / height, 1 - 0.1 / width, 1 - 0.55 / height, 0.06, 0.06)
