@@ -15,7 +15,8 @@ class ParticleFilterParameters:
     """Numbers of the PHD/MIB filter; the defaults are those of Itkina et al. 2019.
 
     The probability p_A that a measurement belongs to a particle is no parameter: a laser grid measures no velocity, all
-    particles of a cell are equally likely, and then p_A drops out of equations (69) to (80).
+    particles of a cell are equally likely, and then p_A drops out of equations (69) to (80); where velocities are
+    measured by matching, it is 1.
 
     Args:
         persistent: particles that are kept from frame to frame.
@@ -28,9 +29,10 @@ class ParticleFilterParameters:
         birth_standing: share of the newborns that start with velocity 0 instead (the paper has none).
         position_noise: standard deviation of the process noise on the position, per axis and frame, in metres.
         velocity_noise: standard deviation of the process noise on the velocity, per axis and frame, in m/s.
-        adoption: to how many places nearby each particle at the border of a moving patch tries to hand its velocity,
-            see `particles.adopt` (the paper has none).
-        adoption_reach: how far away those places may be, along either axis, in metres.
+        matching: how many frames ago the grid is that velocities are measured by, see `matching`; 0 for none (as the
+            paper).
+        matching_sharpness: log-likelihood of a velocity per cell that agrees.
+        matching_gain: how many cells more than by standing still must agree for something to have moved.
         neighbourhood: a cell's velocity is that of the particles within so many cells (the paper: its own alone).
         frame: what velocities are relative to.  "ego" (Itkina et al.): particles stay in the local grid and do not
             follow its shift, so a standing object moves with the negative velocity of the ego, in jumps of whole cells.
@@ -48,8 +50,9 @@ class ParticleFilterParameters:
     birth_standing: float = 0.0
     position_noise: float = 0.02
     velocity_noise: float = 0.8
-    adoption: int = 0
-    adoption_reach: float = 3.0
+    matching: int = 0
+    matching_sharpness: float = 0.1
+    matching_gain: float = 15.0
     neighbourhood: int = 0
     frame: Literal["ego", "ground"] = "ego"
 
@@ -66,16 +69,17 @@ class ParticleFilterParameters:
             "birth_velocity",
             "position_noise",
             "velocity_noise",
-            "adoption",
-            "adoption_reach",
+            "matching",
+            "matching_sharpness",
+            "matching_gain",
             "neighbourhood",
         ):
             if not getattr(self, name) >= 0:
                 raise UserError(f"{name} of the particle filter must not be negative, not {getattr(self, name)}")
         if not self.period > 0:
             raise UserError(f"period of the particle filter must be positive, not {self.period} s")
-        if self.adoption and self.frame == "ego":
-            raise UserError("adoption of the particle filter needs --particles.filter.frame ground: others drift apart")
+        if self.matching and self.frame == "ego":
+            raise UserError("matching of the particle filter needs --particles.filter.frame ground: the other shifts")
         if self.frame not in ("ego", "ground"):
             raise UserError(f"frame of the particle filter must be 'ego' or 'ground', not {self.frame!r}")
 
@@ -83,15 +87,15 @@ class ParticleFilterParameters:
 # For velocities relative to the ground, where most things stand and the others drive steadily.  The paper's process
 # noise (8 m/s^2) lets a particle forget its velocity within few frames; its narrow births pull fast objects towards 0;
 # slowly fading mass spends particles on places long out of sight.  A long wall says nothing about a velocity along it,
-# so some newborns that stand decide for what is likelier.  Velocities are handed on from the borders of what moves and
-# averaged over one metre, because cells inside a vehicle learn its velocity too slowly.
+# so some newborns that stand decide for what is likelier.  Velocities are measured by matching, because cells inside a
+# vehicle learn its velocity too slowly from what survives, and averaged over one metre.
 GROUND = ParticleFilterParameters(
     survival=0.9,
     birth=0.005,
-    birth_velocity=10.0,
+    birth_velocity=6.0,
     birth_standing=0.05,
-    velocity_noise=0.4,
-    adoption=4,
+    velocity_noise=0.5,
+    matching=3,
     neighbourhood=1,
     frame="ground",
 )
@@ -106,12 +110,15 @@ class ParticleState:
         velocity: (2, N) in m/s, relative to what `ParticleFilterParameters.frame` says.
         weight: () the occupied mass that one particle stands for.
         mass: (2, H, W) posterior masses (occupied, free).
+        seen: (K, H, W) measured m(O) - m(F) of the last K frames, the oldest first, on the present grid; K is
+            `ParticleFilterParameters.matching`.
     """
 
     position: Tensor
     velocity: Tensor
     weight: Tensor
     mass: Tensor
+    seen: Tensor
 
 
 def initial_state(
@@ -123,4 +130,5 @@ def initial_state(
         velocity=torch.zeros(2, parameters.persistent, device=device),
         weight=torch.zeros((), device=device),
         mass=torch.zeros(2, grid.cells, grid.cells, device=device),
+        seen=torch.zeros(parameters.matching, grid.cells, grid.cells, device=device),
     )

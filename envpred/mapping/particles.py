@@ -11,13 +11,13 @@ from functools import cache
 
 import torch
 from torch import Tensor
+from torch.nn.functional import pad
 
 from envpred.mapping.geometry import GridSpec
+from envpred.mapping.matching import Matches, match
 from envpred.mapping.particle_state import ParticleFilterParameters, ParticleState
 
-CERTAIN = 0.98  # mass that only a cell has which was seen free (or occupied) twice in a row
-FASTEST = 15.0  # m/s: how far from a vacated cell those that have left it are looked for
-FRONT_SPEED = 3.0  # m/s: faster particles at a front hand on their velocity in inverse proportion to it
+UNMATCHED = 1e-3  # likelihood, beside 1 of the best, of a velocity that does not agree at all
 
 
 @dataclass(frozen=True)
@@ -82,12 +82,15 @@ def step(
     if parameters.frame == "ground":
         # Particles from beyond the border are missing, so what has crept into the cells that enter is no prediction.
         occupied_predicted = occupied_predicted * shifted(torch.ones_like(occupied_predicted), shift)
-    before = torch.stack([shifted(mass, shift) for mass in state.mass])
-    mass = combine(occupied_predicted, predict_free(before[1], occupied_predicted, parameters), measured)
+    free = shifted(state.mass[1], shift)
+    mass = combine(occupied_predicted, predict_free(free, occupied_predicted, parameters), measured)
     born, persisting = split_occupied(mass[0], occupied_predicted, parameters)
 
-    if parameters.adoption:
-        adopt(persistent, before, measured, parameters, grid, generator)
+    seen = state.seen
+    if parameters.matching:
+        now, seen = measured[0] - measured[1], shifted(seen, shift)
+        weigh(persistent, match(now, seen[0], parameters, grid), parameters, generator)
+        seen = torch.cat((seen[1:], now[None]))
     newborn = give_birth(born, parameters, generator)
     # (69)-(73) without a velocity measurement: the particles of a cell share rho_p equally; likewise (74)-(80) rho_b.
     # Hence nothing is stored per particle: a cell's mass and count say what each of its particles weighs.
@@ -96,7 +99,7 @@ def step(
         velocity, covariance = over_neighbours(velocity, covariance, persisting, parameters.neighbourhood)
     position, speed, weight = resample(persistent, persisting, newborn, born, generator)
     return (
-        ParticleState(position, speed, weight, mass),
+        ParticleState(position, speed, weight, mass, seen),
         DogmaGrid(mass, velocity, covariance),
     )
 
@@ -161,62 +164,33 @@ def split_occupied(
     return born, occupied - born
 
 
-def adopt(
-    particles: Particles,
-    before: Tensor,
-    measured: Tensor,
-    parameters: ParticleFilterParameters,
-    grid: GridSpec,
-    generator: torch.Generator,
+def weigh(
+    particles: Particles, matches: Matches, parameters: ParticleFilterParameters, generator: torch.Generator
 ) -> None:
-    """Hand the velocity of particles that explain how an occupied patch has moved to others nearby, in place.
+    """Draw the particles of each cell anew in proportion to the likelihood of their velocity (69)-(73), in place.
 
-    Not in the paper, where cells are independent: inside a large body every velocity survives that does not leave it
-    for long, so its cells forget slowly what they were born with, slow ones towards the rear and fast ones towards the
-    front.  But a body is rigid, and its borders tell its velocity: givers are the particles that have come from an
-    occupied cell into one that was free (a front), or have left one that is free now (a rear) for an occupied one.
+    Nuss et al. keep these weights until resampling; drawn within the cells, they leave the mass of every cell as it is
+    and particles that all weigh the same.
 
     Args:
-        particles: the persistent particles; velocities are changed.
-        before: (2, H, W) masses of the frame before, on the present grid.
-        measured: (2, H, W) measured masses.
-        parameters: `adoption` and `adoption_reach` count.
-        grid: cells and resolution.
+        particles: the persistent particles; positions and velocities are changed.
+        matches: measurement of velocities.
+        parameters: `matching_sharpness` counts.
         generator: source of randomness.
     """
-    width, device = grid.cells + 2, measured.device
-    was_occupied, is_occupied = before[0] > 0.5, measured[0] > 0.5
-    # A cell that flickers says nothing.
-    taken, vacated = is_occupied & (before[1] > CERTAIN), (measured[1] > 0.5) & (before[0] > CERTAIN)
-    steps = round(FASTEST * parameters.period / grid.resolution)
-    near = box_sum(vacated[None].float(), steps)[0] > 0
-    candidate = with_rim(taken | (is_occupied & near))
-    giver = candidate.index_select(0, particles.cell).nonzero().squeeze(1)
-    order, cell = particles.order.index_select(0, giver), particles.cell.index_select(0, giver)
-    velocity = select(particles.velocity, giver)
-    origin = select(particles.position, order).sub_(velocity, alpha=parameters.period / grid.resolution)
-    origin = cell_number(origin, grid.cells).int()
-    front = with_rim(taken).index_select(0, cell) & with_rim(was_occupied).index_select(0, origin)
-    rear = with_rim(vacated).index_select(0, origin)
-    # More of the fast particles cross a border than of the slow; at a front, where the fast ones are, that adds up.
-    share = torch.where(front, FRONT_SPEED / velocity.square().sum(0).sqrt(), rear.float())
-
-    def tries(value: Tensor) -> Tensor:
-        return value.repeat(parameters.adoption)
-
-    u = torch.rand(4, parameters.adoption * len(giver), generator=generator, device=device)
-    gives = (u[0] < tries(share)).nonzero().squeeze(1)
-    u, giver = u.index_select(1, gives), gives % max(len(giver), 1)
-    reach = round(parameters.adoption_reach / grid.resolution)
-    offset = (u[1:3] * (2 * reach + 1)).int() - reach
-    cell = cell.index_select(0, giver)
-    i, j = torch.div(cell, width, rounding_mode="floor") + offset[0], cell % width + offset[1]
-    target = i.clamp_(0, width - 1) * width + j.clamp_(0, width - 1)
-    count, first = particles.count, particles.count.cumsum(0) - particles.count
-    count, first = count.index_select(0, target), first.index_select(0, target)
-    taker = first + (u[3] * count).long()
-    there = (count > 0).nonzero().squeeze(1)
-    particles.velocity[:, taker[there]] = velocity[:, giver[there]]
+    tile = pad(matches.tile, (1, 1, 1, 1), value=-1).flatten().index_select(0, particles.cell)
+    measured = (tile >= 0).nonzero().squeeze(1)
+    if not len(measured):
+        return
+    cell = particles.cell.index_select(0, measured)
+    velocity = select(particles.velocity, measured)
+    agreement = matches.log_likelihood(velocity, tile.index_select(0, measured))
+    likelihood = agreement.mul_(parameters.matching_sharpness).exp_().double().add_(UNMATCHED)
+    total = likelihood.new_zeros(len(particles.count)).index_add_(0, cell, likelihood)
+    share = likelihood.mul_((particles.count / total).index_select(0, cell))
+    parent = torch.repeat_interleave(apportion(share, len(measured), generator), output_size=len(measured))
+    particles.velocity[:, measured] = select(velocity, parent)
+    particles.order[measured] = particles.order.index_select(0, measured.index_select(0, parent))
 
 
 def give_birth(born: Tensor, parameters: ParticleFilterParameters, generator: torch.Generator) -> Particles:
@@ -270,7 +244,7 @@ def box_sum(fields: Tensor, cells: int) -> Tensor:
     """Sums of `fields` (C, H, W) over the square of cells within `cells` of each; cells outside the grid are 0."""
     for axis in (1, 2):
         length = fields.shape[axis]
-        padded = torch.nn.functional.pad(fields, (0, 0, cells, cells) if axis == 1 else (cells, cells))
+        padded = pad(fields, (0, 0, cells, cells) if axis == 1 else (cells, cells))
         fields = padded.narrow(axis, 0, length).clone()
         for k in range(1, 2 * cells + 1):
             fields.add_(padded.narrow(axis, k, length))
@@ -343,7 +317,7 @@ def normal_table(size: int, device: torch.device) -> Tensor:
 
 def with_rim(field: Tensor) -> Tensor:
     """`field` (H, W) with a rim of zeros, flat."""
-    return torch.nn.functional.pad(field, (1, 1, 1, 1)).flatten()
+    return pad(field, (1, 1, 1, 1)).flatten()
 
 
 def without_rim(flat: Tensor, cells: int) -> Tensor:
@@ -352,10 +326,10 @@ def without_rim(flat: Tensor, cells: int) -> Tensor:
 
 
 def shifted(field: Tensor, shift: Sequence[int]) -> Tensor:
-    """`field` (H, W) on a grid that has moved on by `shift` cells; cells that enter are 0."""
+    """`field` (..., H, W) on a grid that has moved on by `shift` cells; cells that enter are 0."""
     moved = torch.zeros_like(field)
-    (to_i, from_i), (to_j, from_j) = (_overlap(int(s), n) for s, n in zip(shift, field.shape, strict=True))
-    moved[to_i, to_j] = field[from_i, from_j]
+    (to_i, from_i), (to_j, from_j) = (_overlap(int(s), n) for s, n in zip(shift, field.shape[-2:], strict=True))
+    moved[..., to_i, to_j] = field[..., from_i, from_j]
     return moved
 
 
@@ -384,6 +358,10 @@ def check(
         raise ValueError(
             f"positions and velocities (2,{parameters.persistent}) expected, "
             f"not {tuple(state.position.shape)} and {tuple(state.velocity.shape)}"
+        )
+    if state.seen.shape != (parameters.matching, *measured.shape[1:]):
+        raise ValueError(
+            f"{parameters.matching} grids seen before expected for matching, not {tuple(state.seen.shape)}"
         )
     # Comparisons with "not a number" are false, so this finds it as well.
     if not bool((measured >= 0).all() & (measured.sum(0) <= 1 + 1e-6).all()):

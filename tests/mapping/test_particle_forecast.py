@@ -8,7 +8,7 @@ import torch
 
 from envpred.mapping.geometry import GridSpec
 from envpred.mapping.particle_forecast import HORIZONS, forecast, position_deviation
-from envpred.mapping.particle_state import ParticleFilterParameters, ParticleState
+from envpred.mapping.particle_state import ParticleFilterParameters, ParticleState, initial_state
 
 GRID = GridSpec(cells=32)
 QUIET = ParticleFilterParameters(persistent=100, births=10, position_noise=0, velocity_noise=0)
@@ -16,11 +16,11 @@ QUIET = ParticleFilterParameters(persistent=100, births=10, position_noise=0, ve
 
 def cloud(velocity: tuple[float, float], weight: float = 0.01, count: int = 100) -> ParticleState:
     """`count` particles at the centre of cell (10, 12) with one velocity."""
-    return ParticleState(
+    return replace(
+        initial_state(QUIET, GRID),
         position=torch.tensor([[10.5], [12.5]]).repeat(1, count),
         velocity=torch.tensor(velocity)[:, None].repeat(1, count),
         weight=torch.tensor(weight),
-        mass=torch.zeros(2, 32, 32),
     )
 
 
