@@ -62,7 +62,8 @@ def match(now: Tensor, then: Tensor, parameters: ParticleFilterParameters, grid:
     reach = 1 + int(FASTEST * seconds / grid.resolution)
 
     # Each changed cell that comes to agree adds 2: where there are few, nothing can be won over standing still.
-    around = avg_pool2d(_framed(changed.float(), room, MARGIN)[None], WINDOW, TILE)[0] * (2 * WINDOW**2)
+    around = avg_pool2d(_framed(changed.float(), room, MARGIN)[None], (WINDOW, 1), (TILE, 1))
+    around = avg_pool2d(around, (1, WINDOW), (1, TILE))[0] * (2 * WINDOW**2)
     holds = max_pool2d(pad(now, room)[None], TILE)[0] > 0
     tiles = (holds & (around > parameters.matching_gain)).nonzero()
 

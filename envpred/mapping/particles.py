@@ -11,7 +11,7 @@ from functools import cache
 
 import torch
 from torch import Tensor
-from torch.nn.functional import pad
+from torch.nn.functional import embedding_bag, pad
 
 from envpred.mapping.geometry import GridSpec
 from envpred.mapping.matching import Matches, match
@@ -39,18 +39,20 @@ class DogmaGrid:
 class Particles:
     """Particles in the order of their cells.
 
+    They are not moved in memory: particle k has `position[:, order[k]]` and `velocity[:, order[k]]`.
+
     Args:
-        position: (2, M) in cells; that of particle k is `position[:, order[k]]`, as it is needed only once.
+        position: (2, M) in cells.
+        velocity: (2, M) in m/s.
         order: (N,) int64.
         cell: (N,) int32 number of the cell each is in, on the grid with its rim, ascending.
-        velocity: (2, N) in m/s.
         count: ((H+2)(W+2),) int64, how many particles each cell of the grid with its rim holds.
     """
 
     position: Tensor
+    velocity: Tensor
     order: Tensor
     cell: Tensor
-    velocity: Tensor
     count: Tensor
 
 
@@ -125,7 +127,7 @@ def sort_by_cell(position: Tensor, velocity: Tensor, cells: int) -> Particles:
     number = cell_number(position, cells)
     cell, order = torch.sort(number, stable=True)
     count = torch.bincount(number, minlength=(cells + 2) ** 2)
-    return Particles(position, order, cell.int(), select(velocity, order), count)
+    return Particles(position, velocity, order, cell.int(), count)
 
 
 def cell_number(position: Tensor, cells: int) -> Tensor:
@@ -173,7 +175,7 @@ def weigh(
     and particles that all weigh the same.
 
     Args:
-        particles: the persistent particles; positions and velocities are changed.
+        particles: the persistent particles; their order is changed.
         matches: measurement of velocities.
         parameters: `matching_sharpness` counts.
         generator: source of randomness.
@@ -183,14 +185,13 @@ def weigh(
     if not len(measured):
         return
     cell = particles.cell.index_select(0, measured)
-    velocity = select(particles.velocity, measured)
-    agreement = matches.log_likelihood(velocity, tile.index_select(0, measured))
+    order = particles.order.index_select(0, measured)
+    agreement = matches.log_likelihood(select(particles.velocity, order), tile.index_select(0, measured))
     likelihood = agreement.mul_(parameters.matching_sharpness).exp_().double().add_(UNMATCHED)
     total = likelihood.new_zeros(len(particles.count)).index_add_(0, cell, likelihood)
     share = likelihood.mul_((particles.count / total).index_select(0, cell))
     parent = torch.repeat_interleave(apportion(share, len(measured), generator), output_size=len(measured))
-    particles.velocity[:, measured] = select(velocity, parent)
-    particles.order[measured] = particles.order.index_select(0, measured.index_select(0, parent))
+    particles.order[measured] = order.index_select(0, parent)
 
 
 def give_birth(born: Tensor, parameters: ParticleFilterParameters, generator: torch.Generator) -> Particles:
@@ -203,22 +204,18 @@ def give_birth(born: Tensor, parameters: ParticleFilterParameters, generator: to
     position = position + torch.rand(position.shape, generator=generator, device=born.device)
     velocity = normal(N, generator) * parameters.birth_velocity
     velocity *= torch.rand(N, generator=generator, device=born.device) >= parameters.birth_standing
-    return Particles(position, torch.arange(N, device=born.device), cell, velocity, count)
+    return Particles(position, velocity, torch.arange(N, device=born.device), cell, count)
 
 
 def moments(particles: Particles, cells: int) -> tuple[Tensor, Tensor]:
     """Mean velocity (2, H, W) and covariance (3, H, W) of the particles of each cell, which weigh the same."""
-    last = particles.count.cumsum(0) - 1
-    x, y = particles.velocity.double()  # differences of sums over all particles follow
-
-    def mean(value: Tensor) -> Tensor:
-        until = value.cumsum_(0).index_select(0, last.clamp(min=0)) * (last >= 0)
-        return without_rim(until.diff(prepend=until.new_zeros(1)) / particles.count.clamp(min=1), cells)
-
-    xx, xy, yy = mean(x * x), mean(x * y), mean(y * y)
-    x, y = mean(x), mean(y)
+    x, y = particles.velocity
+    first = particles.count.cumsum(0) - particles.count
+    # Sums over the particles of one cell at a time: few enough for single precision.
+    sums = embedding_bag(particles.order, torch.stack((x, y, x * x, x * y, y * y), 1), first, mode="sum")
+    x, y, xx, xy, yy = (without_rim(mean, cells) for mean in (sums / particles.count.clamp(min=1)[:, None]).T)
     covariance = torch.stack(((xx - x * x).clamp_(min=0), xy - x * y, (yy - y * y).clamp_(min=0)))
-    return torch.stack((x, y)).float(), covariance.float()
+    return torch.stack((x, y)), covariance
 
 
 def over_neighbours(velocity: Tensor, covariance: Tensor, weight: Tensor, cells: int) -> tuple[Tensor, Tensor]:
@@ -272,9 +269,9 @@ def resample(
     share = torch.where(total > 0, mass / count.clamp(min=1), 1)
     children = apportion(torch.repeat_interleave(share, count, output_size=N + births), N, generator)
     parent = torch.repeat_interleave(children, output_size=N)
-    velocity = select(torch.cat((persistent.velocity, newborn.velocity), 1), parent)
     parent = torch.cat((persistent.order, newborn.order + N)).index_select(0, parent)
     position = select(torch.cat((persistent.position, newborn.position), 1), parent)
+    velocity = select(torch.cat((persistent.velocity, newborn.velocity), 1), parent)
     return position, velocity, (total / N).float()
 
 
