@@ -1,24 +1,29 @@
 """The paper's Table I and the switches that the field asks about, as one command: training, test, report.
 
     python -m sweeps.ablation --store grids/ --source KITTI --config sweeps/presets/demo.yaml --dry_run true
-    python -m sweeps.ablation --store grids/ --source KITTI --config sweeps/presets/demo.yaml
+    python -m sweeps.ablation --store grids/ --source KITTI --config sweeps/presets/demo.yaml --workers 2
 
 Interrupt it whenever you like; the same command goes on, and what is done is not done again.  Options of `envpred fit`
 (--config, --model.*, --data.*, --trainer.*) go to every run.
 """
 
 import math
+import os
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from dataclasses import replace
 from datetime import timedelta
 from pathlib import Path
+
+import torch
 
 from envpred.datamodules import GridDataModule
 from envpred.datamodules.variants import VARIANTS
 from envpred.errors import UserError
 from envpred.report import report
 from envpred.store import Store
-from sweeps import stores
+from sweeps import processes, stores
 from sweeps.best import BEST, replace_text
 from sweeps.command import run as command
 from sweeps.estimate import seconds, untrained
@@ -42,6 +47,7 @@ def ablation(
     variants: list[str] = list(VARIANTS),  # noqa: B006 - read only, and the command line shows it
     switches: list[str] = list(SWITCHES),  # noqa: B006
     seeds: list[int] = [0],  # noqa: B006
+    workers: int = 1,
     dry_run: bool = False,
 ) -> None:
     """Print the plan, then train, test and report whatever of it is not done.
@@ -55,6 +61,7 @@ def ablation(
         variants: input variants of the table.
         switches: what is changed one by one; [] for none.
         seeds: every variant is run with each of them, every switch with the first.
+        workers: runs at once, which share the processor's cores; small networks use one core best.
         dry_run: print the plan with an estimate of time, and end.
     """
     if not any(option == "-c" or option.split("=", 1)[0] == "--config" for option in fit):
@@ -67,17 +74,19 @@ def ablation(
     for key in folders:
         dynamic = any("--data.variant=" + v in run.options for run in plan for v in VARIANTS if "dogma" in v)
         stores.check(key, store, source, dynamic)
+    if workers < 1:
+        raise UserError(f"--workers {workers}: give at least 1")
     with told(out):
         jobs = [Job.of(run, folders[run.store], out / "runs") for run in plan]
         missing = [key for key, folder in folders.items() if not stores.is_whole(key, folder, store)]
         todo = [job for job in jobs if job.run.store in missing or not job.is_done()]
-        times = _show(jobs, todo, missing, store)
+        times = _show(jobs, todo, missing, store, workers)
         if dry_run:
             return
         for key in missing:
             _say(f"building the store of {key}")
             stores.build(key, store, folders[key], source)
-        failures = _do(todo, times)
+        failures = _do(todo, times, workers)
         reports = _report(jobs, out, failures)
         text = summary(jobs, reports, failures, out)
         _say(f"{text}\nsummary: {replace_text(out / SUMMARY, text)}")
@@ -89,8 +98,12 @@ def ablation(
             )
 
 
-def _show(jobs: Sequence[Job], todo: Sequence[Job], missing: Sequence[str], store: Path) -> dict[str, float]:
+def _show(
+    jobs: Sequence[Job], todo: Sequence[Job], missing: Sequence[str], store: Path, workers: int
+) -> dict[str, float]:
     """Print the plan; returns the estimated seconds of each run that is to do, by its name."""
+    if workers > 1:
+        torch.set_num_threads(_threads(workers))  # what is timed here has as many as the runs will have
     example = GridDataModule(**{**jobs[0].config["data"], "store": store})
     example.setup("fit")
     cells, windows = example.cells, len(example.datasets["val"])
@@ -104,27 +117,54 @@ def _show(jobs: Sequence[Job], todo: Sequence[Job], missing: Sequence[str], stor
     for job in jobs:
         state = _span(times[job.run.name]) if job in todo else "done"
         _say(f"{job.run.name:{width}}  {state:>8}  reports: {', '.join(job.run.groups)}")
-    total = sum(times.values()) + len(missing) * frames / GRIDS_A_SECOND
+    total = sum(times.values()) / workers + len(missing) * frames / GRIDS_A_SECOND
     _say(f"{len(todo)} of {len(jobs)} runs and {len(missing)} stores to do, about {_span(total)}")
     return times
 
 
-def _do(todo: Sequence[Job], times: dict[str, float]) -> list[str]:
+def _do(todo: Sequence[Job], times: dict[str, float], workers: int) -> list[str]:
     """Run what is to do; returns a line for each run that failed."""
     failures = []
-    spent = planned = 0.0
-    for place, job in enumerate(todo, 1):
-        start = time.monotonic()
-        try:
-            job.do()
-        except TrialFailedError as failed:
-            failures.append(f"{job.run.name}: {failed} (see the logs in {job.folder})")
-        spent += time.monotonic() - start
-        planned += times[job.run.name]
-        left = sum(times[other.run.name] for other in todo[place:]) * spent / planned
-        said = "failed" if failures and failures[-1].startswith(f"{job.run.name}: ") else "done"
+    start, planned = time.monotonic(), 0.0
+    for place, (job, failure) in enumerate(_outcomes(todo, workers), 1):
+        if failure is not None:
+            failures.append(f"{job.run.name}: {failure} (see the logs in {job.folder})")
+        planned += times.pop(job.run.name)
+        left = sum(times.values()) * (time.monotonic() - start) / planned
+        said = "done" if failure is None else "failed"
         _say(f"{place} of {len(todo)}: {job.run.name} {said}; about {_span(left)} left")
     return failures
+
+
+def _outcomes(todo: Sequence[Job], workers: int) -> Iterator[tuple[Job, TrialFailedError | None]]:
+    """Do the jobs, `workers` at once; gives each as it ends, with its failure if it failed."""
+    if workers == 1:
+        yield from map(_outcome, todo)
+        return
+    with ThreadPoolExecutor(workers) as pool:
+        futures = [pool.submit(_outcome, replace(job, threads=_threads(workers))) for job in todo]
+        try:
+            for future in as_completed(futures):
+                yield future.result()
+        except BaseException:  # of a run, or Ctrl-C: nothing more is started, and what runs is ended
+            pool.shutdown(wait=False, cancel_futures=True)
+            while not all(future.done() for future in futures):  # one more may have begun before it was cancelled
+                processes.stop_all()
+                time.sleep(0.1)
+            raise
+
+
+def _outcome(job: Job) -> tuple[Job, TrialFailedError | None]:
+    try:
+        job.do()
+    except TrialFailedError as failed:
+        return job, failed
+    return job, None
+
+
+def _threads(workers: int) -> int:
+    """Each worker's share of the cores."""
+    return max(1, len(os.sched_getaffinity(0)) // workers)
 
 
 def _report(jobs: Sequence[Job], out: Path, failures: list[str]) -> dict[str, Path]:

@@ -98,7 +98,9 @@ SWITCHES = {
     ),
     "squared_error": Switch("squared errors in stage t+5", "network", STATIC, lambda c: {"model.t5_error": "squared"}),
     "ground_velocity": Switch(
-        "velocities relative to the ground instead of the ego", VELOCITIES, DYNAMIC, store="ground_velocity"
+        "velocities relative to the ground (and the filter's numbers for it) instead of the ego",
+        VELOCITIES,
+        DYNAMIC, store="ground_velocity"
     ),
     "fewer_particles": Switch("a tenth of the particles", VELOCITIES, DYNAMIC, store="fewer_particles"),
     "ransac": Switch("RANSAC instead of MRF ground segmentation", "ransac", STATIC, store="ransac", alone=True),

@@ -8,13 +8,19 @@ import subprocess
 from collections.abc import Sequence
 from pathlib import Path
 from typing import IO, Any
+from weakref import WeakSet
 
 PR_SET_PDEATHSIG = 1
 SECONDS_TO_END = 10.0
+_STARTED: WeakSet[subprocess.Popen[bytes]] = WeakSet()
 
 
-def start(command: Sequence[str], log: IO[bytes], folder: str | None = None) -> subprocess.Popen[bytes]:
+def start(
+    command: Sequence[str], log: IO[bytes], folder: str | None = None, threads: int | None = None
+) -> subprocess.Popen[bytes]:
     """Start `command` in a process group of its own and in `folder`, standard output and error into `log`.
+
+    `threads` of torch's are fewer than there are cores where others work beside it.
 
     Ctrl-C in a terminal thus reaches the parent alone, and the kernel kills the child when its parent dies, also by
     SIGKILL: nobody trains on for a worker that is no more.
@@ -26,7 +32,7 @@ def start(command: Sequence[str], log: IO[bytes], folder: str | None = None) -> 
         if os.getppid() != parent:  # it died before the line above
             os._exit(1)
 
-    return subprocess.Popen(
+    process = subprocess.Popen(
         command,
         stdin=subprocess.DEVNULL,
         stdout=log,
@@ -34,7 +40,10 @@ def start(command: Sequence[str], log: IO[bytes], folder: str | None = None) -> 
         process_group=0,
         preexec_fn=follow,  # noqa: PLW1509 - two system calls, nothing that a thread could hold
         cwd=folder,
+        env=None if threads is None else os.environ | {"OMP_NUM_THREADS": str(threads)},
     )
+    _STARTED.add(process)
+    return process
 
 
 def stop(process: subprocess.Popen[bytes]) -> None:
@@ -47,6 +56,12 @@ def stop(process: subprocess.Popen[bytes]) -> None:
             process.wait(patience)
         except (ProcessLookupError, subprocess.TimeoutExpired):
             continue
+
+
+def stop_all() -> None:
+    """End all children that still run."""
+    for process in list(_STARTED):
+        stop(process)
 
 
 def identity() -> dict[str, Any]:

@@ -24,11 +24,12 @@ CONFIG, TRAINED, SECONDS = "run.yaml", ".trained", "seconds.json"
 
 @dataclass(frozen=True)
 class Job:
-    """A run with its configuration and its folder."""
+    """A run with its configuration, its folder, and how many threads it may use if not all."""
 
     run: Run
     config: Mapping[str, Any]
     folder: Path
+    threads: int | None = None
 
     @classmethod
     def of(cls, run: Run, store: Path, runs: Path) -> "Job":
@@ -85,7 +86,7 @@ class Job:
         given = ["--config", str(self.folder / CONFIG), *logged_to(self.folder), *options]
         log = self.folder / f"{command}.log"
         with log.open("wb") as out:
-            process = processes.start([sys.executable, "-m", "envpred.cli", command, *given], out)
+            process = processes.start([sys.executable, "-m", "envpred.cli", command, *given], out, threads=self.threads)
             try:
                 code = process.wait()
             finally:

@@ -12,7 +12,7 @@ import numpy as np
 from envpred.build_dogma import build_dogma
 from envpred.errors import UserError
 from envpred.mapping.dogma import DogmaParameters
-from envpred.mapping.particle_state import ParticleFilterParameters
+from envpred.mapping.particle_state import GROUND, ParticleFilterParameters
 from envpred.store import FORMAT, MAPPING_ARRAYS, DriveWriter, Store
 from sweeps.plan import MAIN
 
@@ -20,7 +20,7 @@ Filter = ParticleFilterParameters
 
 # Stores whose velocities are made by another filter, of the label grids that are there.
 FILTERS: dict[str, Callable[[Filter], Filter]] = {
-    "ground_velocity": lambda f: replace(f, frame="ground"),
+    "ground_velocity": lambda f: replace(GROUND, persistent=f.persistent, births=f.births, period=f.period),
     "fewer_particles": lambda f: replace(f, persistent=max(1, f.persistent // 10), births=max(1, f.births // 10)),
 }
 # Stores that are mapped anew from the drives, with another ground segmentation.

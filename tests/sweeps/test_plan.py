@@ -1,5 +1,6 @@
 """The plan of an ablation, and the stores that it builds: what differs from the unchanged run, and nothing else."""
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ from envpred.datamodules.variants import VARIANTS
 from envpred.errors import UserError
 from envpred.mapping.dogma import DogmaParameters
 from envpred.mapping.evidence import EvidenceParameters
-from envpred.mapping.particle_state import ParticleFilterParameters
+from envpred.mapping.particle_state import GROUND, ParticleFilterParameters
 from envpred.store import Store
 from sweeps import stores
 from sweeps.arguments import FitArguments
@@ -121,7 +122,7 @@ def test_another_filter_is_all_that_differs(tmp_path: Path) -> None:
     build_dogma(main, DogmaParameters(ParticleFilterParameters(2000, 200, birth=0.03), tau=5), workers=1)
     before = Store(main)
     for key, changes in (
-        ("ground_velocity", {"frame": "ground"}),
+        ("ground_velocity", asdict(GROUND) | {"persistent": 2000, "births": 200}),
         ("fewer_particles", {"persistent": 200, "births": 20}),
     ):
         folder = tmp_path / key
