@@ -2,12 +2,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 from envpred.build_dogma import build_dogma
 from envpred.datamodules import GridDataModule
 from envpred.errors import UserError
 from envpred.mapping.dogma import VELOCITY_SCALE, DogmaParameters
-from envpred.mapping.particle_state import ParticleFilterParameters
+from envpred.mapping.particle_state import GROUND, ParticleFilterParameters
 from envpred.store import Store
 from tests.stores import write_store
 
@@ -17,6 +18,13 @@ SMALL = DogmaParameters(ParticleFilterParameters(persistent=2000, births=200))
 @pytest.fixture
 def store(tmp_path: Path) -> Path:
     return write_store(tmp_path / "grids", {"a": list(range(12)), "b": [*range(6), *range(9, 15)]})
+
+
+def test_the_configuration_for_ground_velocities_has_the_numbers_of_the_code() -> None:
+    file = Path(__file__).parent.parent / "configs" / "grids" / "ground_velocity.yaml"
+    given = yaml.safe_load(file.read_text())
+    assert given["dogma"] is True
+    assert ParticleFilterParameters(**given["particles"]["filter"]) == GROUND
 
 
 def test_velocities_complete_drives_built_before(store: Path) -> None:
