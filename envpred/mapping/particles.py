@@ -45,14 +45,12 @@ class Particles:
         position: (2, M) in cells.
         velocity: (2, M) in m/s.
         order: (N,) int64.
-        cell: (N,) int32 number of the cell each is in, on the grid with its rim, ascending.
         count: ((H+2)(W+2),) int64, how many particles each cell of the grid with its rim holds.
     """
 
     position: Tensor
     velocity: Tensor
     order: Tensor
-    cell: Tensor
     count: Tensor
 
 
@@ -125,9 +123,9 @@ def predict(
 def sort_by_cell(position: Tensor, velocity: Tensor, cells: int) -> Particles:
     """The particles at `position` with `velocity` (2, N) in the order of the cells they are in."""
     number = cell_number(position, cells)
-    cell, order = torch.sort(number, stable=True)
+    order = torch.sort(number, stable=True).indices
     count = torch.bincount(number, minlength=(cells + 2) ** 2)
-    return Particles(position, velocity, order, cell.int(), count)
+    return Particles(position, velocity, order, count)
 
 
 def cell_number(position: Tensor, cells: int) -> Tensor:
@@ -180,18 +178,22 @@ def weigh(
         parameters: `matching_sharpness` counts.
         generator: source of randomness.
     """
-    tile = pad(matches.tile, (1, 1, 1, 1), value=-1).flatten().index_select(0, particles.cell)
+    tile = pad(matches.tile, (1, 1, 1, 1), value=-1).flatten()
     measured = (tile >= 0).nonzero().squeeze(1)
-    if not len(measured):
+    count = particles.count.index_select(0, measured)
+    cell = torch.repeat_interleave(count)  # which of the measured cells each of their particles is in
+    if not len(cell):
         return
-    cell = particles.cell.index_select(0, measured)
-    order = particles.order.index_select(0, measured)
-    agreement = matches.log_likelihood(select(particles.velocity, order), tile.index_select(0, measured))
+    first = particles.count.cumsum(0).index_select(0, measured) - count.cumsum(0)
+    place = torch.arange(len(cell), device=cell.device) + first.index_select(0, cell)
+    order = particles.order.index_select(0, place)
+    surface = tile.index_select(0, measured).index_select(0, cell)
+    agreement = matches.log_likelihood(select(particles.velocity, order), surface)
     likelihood = agreement.mul_(parameters.matching_sharpness).exp_().double().add_(UNMATCHED)
-    total = likelihood.new_zeros(len(particles.count)).index_add_(0, cell, likelihood)
-    share = likelihood.mul_((particles.count / total).index_select(0, cell))
-    parent = torch.repeat_interleave(apportion(share, len(measured), generator), output_size=len(measured))
-    particles.order[measured] = order.index_select(0, parent)
+    total = likelihood.new_zeros(len(measured)).index_add_(0, cell, likelihood)
+    share = likelihood.mul_((count / total).index_select(0, cell))
+    parent = torch.repeat_interleave(apportion(share, len(cell), generator), output_size=len(cell))
+    particles.order[place] = order.index_select(0, parent)
 
 
 def give_birth(born: Tensor, parameters: ParticleFilterParameters, generator: torch.Generator) -> Particles:
@@ -204,7 +206,7 @@ def give_birth(born: Tensor, parameters: ParticleFilterParameters, generator: to
     position = position + torch.rand(position.shape, generator=generator, device=born.device)
     velocity = normal(N, generator) * parameters.birth_velocity
     velocity *= torch.rand(N, generator=generator, device=born.device) >= parameters.birth_standing
-    return Particles(position, velocity, torch.arange(N, device=born.device), cell, count)
+    return Particles(position, velocity, torch.arange(N, device=born.device), count)
 
 
 def moments(particles: Particles, cells: int) -> tuple[Tensor, Tensor]:

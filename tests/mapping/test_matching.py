@@ -11,7 +11,7 @@ from envpred.mapping.dogma import is_moving
 from envpred.mapping.geometry import GridSpec
 from envpred.mapping.matching import FASTEST, MARGIN, TILE, Matches, match
 from envpred.mapping.particle_state import GROUND
-from envpred.mapping.particles import moments, shifted, sort_by_cell, weigh
+from envpred.mapping.particles import cell_number, moments, shifted, sort_by_cell, weigh
 from tests.mapping.filters import block_scene, follow, masses, seeded
 
 GRID = GridSpec(cells=48)
@@ -138,8 +138,8 @@ class TestWeigh:
         assert mean[20, 22] > 0.99 * 4 * CELL_SPEED
         assert mean[40, 22].item() == pytest.approx(2 * CELL_SPEED, rel=1e-5)
         assert torch.equal(particles.count, count)
-        cells = particles.position[:, particles.order].floor().long()
-        assert torch.equal((cells[0] + 1) * (GRID.cells + 2) + cells[1] + 1, particles.cell.long())
+        inside = cell_number(particles.position[:, particles.order], GRID.cells).long()
+        assert torch.equal(inside, torch.repeat_interleave(count))  # each is still in its cell
 
     def test_shares_follow_the_likelihood(self) -> None:
         particles = sort_by_cell(*self.particles(), GRID.cells)
@@ -149,12 +149,8 @@ class TestWeigh:
         score[0, 15 + 4, 15] = 10.0
         matches = Matches(tile, score, 1 / CELL_SPEED)
         weigh(particles, matches, replace(GROUND, matching_sharpness=0.1), seeded())
-        driving = (
-            (particles.velocity[0, particles.order] > 0)[particles.cell == 21 * (GRID.cells + 2) + 23]
-            .float()
-            .mean()
-            .item()
-        )
+        inside = cell_number(particles.position[:, particles.order], GRID.cells) == 21 * (GRID.cells + 2) + 23
+        driving = (particles.velocity[0, particles.order] > 0)[inside].float().mean().item()
         odds = torch.tensor(1.0).exp().item()
         assert driving == pytest.approx(odds / (1 + odds), abs=0.01)
 

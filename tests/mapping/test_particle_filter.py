@@ -25,7 +25,7 @@ from envpred.mapping.particles import (
 from tests.mapping.filters import PAPER, SMALL, TINY, block_scene, follow, masses, random_masses, seeded
 
 NOWHERE = torch.zeros(0, dtype=torch.int64)
-NOBODY = Particles(torch.zeros(2, 0), torch.zeros(2, 0), NOWHERE, NOWHERE.int(), torch.zeros(100, dtype=torch.int64))
+NOBODY = Particles(torch.zeros(2, 0), torch.zeros(2, 0), NOWHERE, torch.zeros(100, dtype=torch.int64))
 Frame = Literal["ego", "ground"]
 PAPER_MODEL: dict[str, Any] = {
     name: getattr(PAPER, name)

@@ -30,7 +30,7 @@ from envpred.mapping.particles import (
 from tests.mapping.filters import PAPER, SMALL, TINY, seeded
 
 NOWHERE = torch.zeros(0, dtype=torch.int64)
-NOBODY = Particles(torch.zeros(2, 0), torch.zeros(2, 0), NOWHERE, NOWHERE.int(), torch.zeros(100, dtype=torch.int64))
+NOBODY = Particles(torch.zeros(2, 0), torch.zeros(2, 0), NOWHERE, torch.zeros(100, dtype=torch.int64))
 
 
 class TestEquations:
