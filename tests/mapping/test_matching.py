@@ -124,9 +124,9 @@ class TestLikelihood:
 
 class TestWeigh:
     def particles(self) -> tuple[torch.Tensor, torch.Tensor]:
-        """Half of the 400 in each of two cells stand, half drive at 4 cells in three frames."""
-        position = torch.tensor([[20.5] * 400 + [40.5] * 400, [22.5] * 800])
-        velocity = torch.tensor([([0.0] * 200 + [4 * CELL_SPEED] * 200) * 2, [0.0] * 800])
+        """Half of the 400 in each of two cells stand, half drive at 4 cells in three frames; 100 in a third stand."""
+        position = torch.tensor([[20.5] * 400 + [40.5] * 400 + [21.5] * 100, [22.5] * 900])
+        velocity = torch.tensor([([0.0] * 200 + [4 * CELL_SPEED] * 200) * 2 + [0.0] * 100, [0.0] * 900])
         return position, velocity
 
     def test_likely_velocities_are_kept_where_something_moved_and_nowhere_else(self) -> None:
@@ -136,6 +136,7 @@ class TestWeigh:
         weigh(particles, matches, GROUND, seeded())
         mean = moments(particles, GRID.cells)[0][0]
         assert mean[20, 22] > 0.99 * 4 * CELL_SPEED
+        assert mean[21, 22] == 0  # the unlikely ones of a cell without better ones stay
         assert mean[40, 22].item() == pytest.approx(2 * CELL_SPEED, rel=1e-5)
         assert torch.equal(particles.count, count)
         inside = cell_number(particles.position[:, particles.order], GRID.cells).long()
