@@ -19,7 +19,6 @@ from envpred.mapping.particle_state import ParticleFilterParameters
 TILE = 4  # cells of a side of the squares that share a measurement
 WINDOW = 16  # cells of a side of what is matched around each
 MARGIN = (WINDOW - TILE) // 2
-FASTEST = 15.0  # m/s, per axis: faster displacements are not tried
 BORDER = 2  # cells around a body that are matched with it: what is free there tells where it ends
 CHANGED = 0.25  # a cell has changed if the product of what it was and is lies below minus this
 
@@ -59,7 +58,7 @@ def match(now: Tensor, then: Tensor, parameters: ParticleFilterParameters, grid:
     rows, columns = (-(-n // TILE) for n in now.shape)
     room = (0, columns * TILE - now.shape[1], 0, rows * TILE - now.shape[0])  # to whole tiles
     seconds = parameters.matching * parameters.period
-    reach = 1 + int(FASTEST * seconds / grid.resolution)
+    reach = 1 + int(parameters.matching_fastest * seconds / grid.resolution)
 
     # Each changed cell that comes to agree adds 2: where there are few, nothing can be won over standing still.
     around = avg_pool2d(_framed(changed.float(), room, MARGIN)[None], (WINDOW, 1), (TILE, 1))

@@ -31,6 +31,7 @@ class ParticleFilterParameters:
         velocity_noise: standard deviation of the process noise on the velocity, per axis and frame, in m/s.
         matching: how many frames ago the grid is that velocities are measured by, see `matching`; 0 for none (as the
             paper).
+        matching_fastest: fastest velocity that is tried, per axis, in m/s; the cost grows with its square.
         matching_sharpness: log-likelihood of a velocity per cell that agrees.
         matching_gain: how many cells more than by standing still must agree for something to have moved.
         neighbourhood: a cell's velocity is that of the particles within so many cells (the paper: its own alone).
@@ -51,6 +52,7 @@ class ParticleFilterParameters:
     position_noise: float = 0.02
     velocity_noise: float = 0.8
     matching: int = 0
+    matching_fastest: float = 15.0
     matching_sharpness: float = 0.1
     matching_gain: float = 15.0
     neighbourhood: int = 0
@@ -70,6 +72,7 @@ class ParticleFilterParameters:
             "position_noise",
             "velocity_noise",
             "matching",
+            "matching_fastest",
             "matching_sharpness",
             "matching_gain",
             "neighbourhood",

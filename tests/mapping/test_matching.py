@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from envpred.mapping.dogma import is_moving
 from envpred.mapping.geometry import GridSpec
-from envpred.mapping.matching import FASTEST, MARGIN, TILE, Matches, match
+from envpred.mapping.matching import TILE, Matches, match
 from envpred.mapping.particle_state import GROUND
 from envpred.mapping.particles import cell_number, moments, shifted, sort_by_cell, weigh
 from tests.mapping.filters import block_scene, follow, masses, seeded
@@ -191,7 +191,8 @@ class TestInTheFilter:
         assert state.seen.shape == (0, 8, 8)
 
 
-def test_the_fastest_is_tried() -> None:
-    reach = match(car(18, 21), car(12, 21), GROUND, GRID).score.shape[-1] // 2
-    assert reach * CELL_SPEED >= FASTEST
-    assert MARGIN * 2 + TILE == 16
+@pytest.mark.parametrize("fastest", [5.0, 15.0, 30.0])
+def test_the_fastest_is_tried(fastest: float) -> None:
+    parameters = replace(GROUND, matching_fastest=fastest)
+    reach = match(car(18, 21), car(12, 21), parameters, GRID).score.shape[-1] // 2
+    assert fastest <= reach * CELL_SPEED < fastest + 2 * CELL_SPEED
