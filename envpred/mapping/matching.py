@@ -16,6 +16,7 @@ from torch.nn.functional import avg_pool2d, conv2d, max_pool2d, pad
 from envpred.mapping.geometry import GridSpec
 from envpred.mapping.particle_state import ParticleFilterParameters
 
+# For cells of a third of a metre, in which a car is 12 x 6 and moves up to 5 a frame.
 TILE = 4  # cells of a side of the squares that share a measurement
 WINDOW = 16  # cells of a side of what is matched around each
 MARGIN = (WINDOW - TILE) // 2
