@@ -13,6 +13,7 @@ PACKAGE = Path(envpred.__file__).parent
 ALLOWED = {
     "mapping": {
         "mapping.geometry",
+        "mapping.matching",
         "mapping.particles",
         "mapping.particle_state",
         "mapping.particle_forecast",
