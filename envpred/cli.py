@@ -36,19 +36,20 @@ def main(args: list[str] | None = None) -> None:
 
 def own(name: str, args: list[str]) -> None:
     """Run one of our own commands with `args`."""
+    # Types of the arguments are read here, which may load torch.
     with ends_at_once():
         from jsonargparse import ArgumentParser
 
         from envpred.commands import COMMANDS, POSITIONAL
 
-    function = COMMANDS[name]
-    parser = ArgumentParser(prog=f"envpred {name}", description=(function.__doc__ or "").splitlines()[0])
-    parser.add_argument("--config", action="config", help="Path to a configuration file in YAML.")
-    name_of, count = POSITIONAL.get(name, (None, None))
-    if name_of is not None:
-        parser.add_argument(name_of, nargs=count, type=Path)
-    parser.add_function_arguments(function, as_positional=False, skip={name_of} if name_of else None)
-    options = parser.instantiate(parser.parse_args(args))
+        function = COMMANDS[name]
+        parser = ArgumentParser(prog=f"envpred {name}", description=(function.__doc__ or "").splitlines()[0])
+        parser.add_argument("--config", action="config", help="Path to a configuration file in YAML.")
+        name_of, count = POSITIONAL.get(name, (None, None))
+        if name_of is not None:
+            parser.add_argument(name_of, nargs=count, type=Path)
+        parser.add_function_arguments(function, as_positional=False, skip={name_of} if name_of else None)
+        options = parser.instantiate(parser.parse_args(args))
     function(**{key: options[key] for key in vars(options) if key != "config"})
 
 
