@@ -100,7 +100,8 @@ SWITCHES = {
     "ground_velocity": Switch(
         "velocities relative to the ground (and the filter's numbers for it) instead of the ego",
         VELOCITIES,
-        DYNAMIC, store="ground_velocity"
+        DYNAMIC,
+        store="ground_velocity",
     ),
     "fewer_particles": Switch("a tenth of the particles", VELOCITIES, DYNAMIC, store="fewer_particles"),
     "ransac": Switch("RANSAC instead of MRF ground segmentation", "ransac", STATIC, store="ransac", alone=True),

@@ -178,7 +178,7 @@ def weigh(
         parameters: `matching_sharpness` counts.
         generator: source of randomness.
     """
-    tile = pad(matches.tile, (1, 1, 1, 1), value=-1).flatten()
+    tile = with_rim(matches.tile, -1)
     measured = (tile >= 0).nonzero().squeeze(1)
     count = particles.count.index_select(0, measured)
     cell = torch.repeat_interleave(count)  # which of the measured cells each of their particles is in
@@ -317,9 +317,9 @@ def normal_table(size: int, device: torch.device) -> Tensor:
         return torch.randn(size, generator=torch.Generator().manual_seed(0)).to(device)
 
 
-def with_rim(field: Tensor) -> Tensor:
-    """`field` (H, W) with a rim of zeros, flat."""
-    return pad(field, (1, 1, 1, 1)).flatten()
+def with_rim(field: Tensor, fill: int = 0) -> Tensor:
+    """`field` (H, W) with a rim of `fill`, flat."""
+    return pad(field, (1, 1, 1, 1), value=fill).flatten()
 
 
 def without_rim(flat: Tensor, cells: int) -> Tensor:

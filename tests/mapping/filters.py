@@ -4,11 +4,13 @@ import torch
 
 from envpred.mapping.geometry import GridSpec
 from envpred.mapping.particle_state import ParticleFilterParameters, ParticleState, initial_state
-from envpred.mapping.particles import DogmaGrid, step
+from envpred.mapping.particles import DogmaGrid, Particles, step
 
 PAPER = ParticleFilterParameters()
 SMALL = ParticleFilterParameters(persistent=300, births=40)
 TINY = GridSpec(cells=8)
+NOWHERE = torch.zeros(0, dtype=torch.int64)
+NOBODY = Particles(torch.zeros(2, 0), torch.zeros(2, 0), NOWHERE, torch.zeros(100, dtype=torch.int64))
 
 
 def seeded(seed: int = 0, device: str = "cpu") -> torch.Generator:

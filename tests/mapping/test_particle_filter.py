@@ -13,7 +13,6 @@ from envpred.mapping.dogma import is_moving
 from envpred.mapping.geometry import GridSpec
 from envpred.mapping.particle_state import GROUND, initial_state
 from envpred.mapping.particles import (
-    Particles,
     cell_number,
     resample,
     shifted,
@@ -22,10 +21,8 @@ from envpred.mapping.particles import (
     with_rim,
     without_rim,
 )
-from tests.mapping.filters import PAPER, SMALL, TINY, block_scene, follow, masses, random_masses, seeded
+from tests.mapping.filters import NOBODY, PAPER, SMALL, TINY, block_scene, follow, masses, random_masses, seeded
 
-NOWHERE = torch.zeros(0, dtype=torch.int64)
-NOBODY = Particles(torch.zeros(2, 0), torch.zeros(2, 0), NOWHERE, torch.zeros(100, dtype=torch.int64))
 Frame = Literal["ego", "ground"]
 PAPER_MODEL: dict[str, Any] = {
     name: getattr(PAPER, name)

@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 
 from envpred.mapping.particle_state import initial_state
 from envpred.mapping.particles import (
-    Particles,
     apportion,
     box_sum,
     combine,
@@ -27,10 +26,7 @@ from envpred.mapping.particles import (
     step,
     without_rim,
 )
-from tests.mapping.filters import PAPER, SMALL, TINY, seeded
-
-NOWHERE = torch.zeros(0, dtype=torch.int64)
-NOBODY = Particles(torch.zeros(2, 0), torch.zeros(2, 0), NOWHERE, torch.zeros(100, dtype=torch.int64))
+from tests.mapping.filters import NOBODY, PAPER, SMALL, TINY, seeded
 
 
 class TestEquations:
