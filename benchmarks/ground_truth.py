@@ -28,11 +28,11 @@ from numpy.typing import NDArray
 
 from envpred.drives.drive import Drive, find_drives
 from envpred.drives.kitti import KittiDrive
-from envpred.drives.simulate import classes, tracklets
-from envpred.drives.simulate.run import simulate
 from envpred.mapping.geometry import FREE, GridSpec
 from envpred.mapping.ground import REACH, MarkovRandomField, RansacPlane
 from envpred.mapping.label_grid import RayCasting
+from envpred.simulate import classes, tracklets
+from envpred.simulate.run import simulate
 
 Segmenter = Callable[[NDArray[np.float32]], NDArray[np.bool_]]
 

@@ -10,11 +10,11 @@ from pathlib import Path
 
 import numpy as np
 
-from envpred.drives.simulate.lidar import HDL64E
-from envpred.drives.simulate.run import builtin_recording
-from envpred.drives.simulate.scene import build
-from envpred.drives.simulate.traffic import Recording
-from envpred.drives.simulate.writer import write_drive
+from envpred.simulate.lidar import HDL64E
+from envpred.simulate.run import builtin_recording
+from envpred.simulate.scene import build
+from envpred.simulate.traffic import Recording
+from envpred.simulate.writer import write_drive
 
 PROMISE = 10.0  # scans a second and core
 

@@ -8,13 +8,13 @@ import numpy as np
 
 from envpred.build import MappingParameters, build
 from envpred.drives import one_drive
-from envpred.drives.simulate.commands import realism, record, scan, simulate, traffic
 from envpred.errors import UserError
 from envpred.interrupts import ends_at_once
 from envpred.mapping.evidence import EvidenceParameters
 from envpred.mapping.geometry import GridSpec
 from envpred.mapping.ground import GroundSegmenter, MarkovRandomField, RansacPlane
 from envpred.mapping.label_grid import RayCasting
+from envpred.simulate.commands import realism, record, scan, simulate, traffic
 from envpred.store import Store, StoredDrive
 
 if TYPE_CHECKING:  # it brings torch along, which only some commands need

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
-from envpred.drives.simulate.traffic import RATE, Motion
+from envpred.simulate.traffic import RATE, Motion
 
 FloatArray = NDArray[np.float64]
 

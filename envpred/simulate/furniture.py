@@ -5,8 +5,8 @@ Every model stands on z = 0 around the origin; lengths run along x, in metres.
 
 import numpy as np
 
-from envpred.drives.simulate import classes
-from envpred.drives.simulate.mesh import FloatArray, Mesh, box, column, join, leaves, mesh, prism
+from envpred.simulate import classes
+from envpred.simulate.mesh import FloatArray, Mesh, box, column, join, leaves, mesh, prism
 
 
 def tree(height: float, radius: float, bare: float, rng: np.random.Generator) -> Mesh:

@@ -16,11 +16,11 @@ from typing import Any
 
 import numpy as np
 
-from envpred.drives.simulate import scene as scenes
-from envpred.drives.simulate.lidar import HDL64E
-from envpred.drives.simulate.traffic import Recording
-from envpred.drives.simulate.writer import DATE, drive_name, write_calibration, write_drive
 from envpred.errors import UserError
+from envpred.simulate import scene as scenes
+from envpred.simulate.lidar import HDL64E
+from envpred.simulate.traffic import Recording
+from envpred.simulate.writer import DATE, drive_name, write_calibration, write_drive
 
 _SLOWEST, _FASTEST = 3.0, 12.5  # m/s: mean speeds that egos are looked for at
 _GOLDEN = (5**0.5 - 1) / 2
@@ -31,7 +31,7 @@ _scans_done: "Synchronized[int] | None" = None
 
 def builtin_recording() -> Path:
     """The recording that comes with the package."""
-    return Path(str(resources.files("envpred.drives.simulate") / "traffic.npz"))
+    return Path(str(resources.files("envpred.simulate") / "traffic.npz"))
 
 
 def simulate(

@@ -4,10 +4,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from envpred.drives.simulate import furniture, models
-from envpred.drives.simulate.mesh import FloatArray, Mesh
-from envpred.drives.simulate.terrain import CELL, MARGIN, Terrain
-from envpred.drives.simulate.traffic import KINDS, LANES, Network
+from envpred.simulate import furniture, models
+from envpred.simulate.mesh import FloatArray, Mesh
+from envpred.simulate.terrain import CELL, MARGIN, Terrain
+from envpred.simulate.traffic import KINDS, LANES, Network
 
 Span = tuple[float, float]
 

@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from envpred.cli import main
-from envpred.drives.simulate import commands, record
-from envpred.drives.simulate.run import builtin_recording
+from envpred.simulate import commands, record
+from envpred.simulate.run import builtin_recording
 
 
 @pytest.fixture(scope="module")

@@ -13,17 +13,17 @@ import pytest
 
 from envpred.drives import find_drives
 from envpred.drives.kitti import KittiDrive
-from envpred.drives.simulate import classes, run, tracklets
-from envpred.drives.simulate.ego import SENSOR_HEIGHT
-from envpred.drives.simulate.lidar import HDL64E
-from envpred.drives.simulate.realism import figures, realism
-from envpred.drives.simulate.run import simulate
-from envpred.drives.simulate.traffic import KINDS, Recording
-from envpred.drives.simulate.writer import DATE, drive_name
 from envpred.errors import UserError
 from envpred.mapping.geometry import FREE, GridSpec
 from envpred.mapping.ground import MarkovRandomField
 from envpred.mapping.label_grid import RayCasting
+from envpred.simulate import classes, run, tracklets
+from envpred.simulate.ego import SENSOR_HEIGHT
+from envpred.simulate.lidar import HDL64E
+from envpred.simulate.realism import figures, realism
+from envpred.simulate.run import simulate
+from envpred.simulate.traffic import KINDS, Recording
+from envpred.simulate.writer import DATE, drive_name
 
 DRIVES, FRAMES = 3, 8
 

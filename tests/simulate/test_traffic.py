@@ -5,11 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from envpred.drives.simulate import record
-from envpred.drives.simulate.run import builtin_recording
-from envpred.drives.simulate.streets import TOWNS, write_network
-from envpred.drives.simulate.traffic import KINDS, LANES, Network, Recording, Track
 from envpred.errors import UserError
+from envpred.simulate import record
+from envpred.simulate.run import builtin_recording
+from envpred.simulate.streets import TOWNS, write_network
+from envpred.simulate.traffic import KINDS, LANES, Network, Recording, Track
 
 
 def recording_of(*tracks: Track) -> Recording:

@@ -6,9 +6,9 @@ import numpy as np
 import pykitti.utils
 import pytest
 
-from envpred.drives.simulate.ego import SENSOR_HEIGHT, drive_over, oxts_packets
-from envpred.drives.simulate.mesh import FloatArray
-from envpred.drives.simulate.traffic import Motion
+from envpred.simulate.ego import SENSOR_HEIGHT, drive_over, oxts_packets
+from envpred.simulate.mesh import FloatArray
+from envpred.simulate.traffic import Motion
 
 FRAMES = 60
 

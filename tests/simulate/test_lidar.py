@@ -6,10 +6,10 @@ from embreex.rtcore import EmbreeDevice
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from envpred.drives.simulate import classes, furniture, models
-from envpred.drives.simulate.lidar import HDL64E, Target
-from envpred.drives.simulate.mesh import Mesh, box, join
-from envpred.drives.simulate.traffic import KINDS
+from envpred.simulate import classes, furniture, models
+from envpred.simulate.lidar import HDL64E, Target
+from envpred.simulate.mesh import Mesh, box, join
+from envpred.simulate.traffic import KINDS
 
 DEVICE = EmbreeDevice()
 SENSOR = HDL64E()

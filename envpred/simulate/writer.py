@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from envpred.drives.simulate import tracklets
-from envpred.drives.simulate.ego import IMU_TO_SENSOR, oxts_packets
-from envpred.drives.simulate.lidar import HDL64E, Target
-from envpred.drives.simulate.scene import Box, Scene
-from envpred.drives.simulate.tracklets import Tracklet
-from envpred.drives.simulate.traffic import RATE
+from envpred.simulate import tracklets
+from envpred.simulate.ego import IMU_TO_SENSOR, oxts_packets
+from envpred.simulate.lidar import HDL64E, Target
+from envpred.simulate.scene import Box, Scene
+from envpred.simulate.tracklets import Tracklet
+from envpred.simulate.traffic import RATE
 
 DATE = "2020_01_01"
 

@@ -14,7 +14,7 @@ from embreex.rtcore import EmbreeDevice
 from embreex.rtcore_scene import EmbreeScene
 from numpy.typing import NDArray
 
-from envpred.drives.simulate.mesh import MATERIALS, FloatArray, Mesh
+from envpred.simulate.mesh import MATERIALS, FloatArray, Mesh
 
 _REFLECTANCE, _LOST = np.array(list(MATERIALS.values()), np.float32).T
 

@@ -23,7 +23,7 @@ def simulate(
         workers: local processes; by default one a core.
         recording: traffic recorded with SUMO; by default the one that comes with envpred.
     """
-    from envpred.drives.simulate.run import simulate as write_drives
+    from envpred.simulate.run import simulate as write_drives
 
     write_drives(out, drives, frames, seed, workers, recording)
 
@@ -36,7 +36,7 @@ def record(out: Path, seconds: float = 300.0, seed: int = 1) -> None:
         seconds: of traffic in each town.
         seed: of streets and trips.
     """
-    from envpred.drives.simulate.record import record as run_sumo
+    from envpred.simulate.record import record as run_sumo
 
     if out.exists():
         raise UserError(f"{out} is there already: give another name, or remove it")
@@ -51,7 +51,7 @@ def realism(simulated: Path, real: Path) -> None:
         simulated: folder with simulated drives.
         real: folder with real drives.
     """
-    from envpred.drives.simulate.realism import realism as table
+    from envpred.simulate.realism import realism as table
 
     print(table(simulated, real))
 
@@ -68,7 +68,7 @@ def scan(source: Path, out: Path, drive: str | None = None, frame: int = 0) -> N
     from envpred import plots
     from envpred.drives import one_drive
     from envpred.drives.kitti import KittiDrive
-    from envpred.drives.simulate.pictures import scan_picture
+    from envpred.simulate.pictures import scan_picture
 
     chosen = one_drive(source, drive)
     if not isinstance(chosen, KittiDrive):
@@ -86,9 +86,9 @@ def traffic(out: Path, town: int = 0, second: float = 60.0, recording: Path | No
         recording: traffic recorded with SUMO; by default the one that comes with envpred.
     """
     from envpred import plots
-    from envpred.drives.simulate.pictures import traffic_picture
-    from envpred.drives.simulate.run import builtin_recording
-    from envpred.drives.simulate.traffic import Recording
+    from envpred.simulate.pictures import traffic_picture
+    from envpred.simulate.run import builtin_recording
+    from envpred.simulate.traffic import Recording
 
     found = Recording.load(recording or builtin_recording())
     if not 0 <= town < len(found.networks):

@@ -9,10 +9,10 @@ from matplotlib.patches import Polygon
 from numpy.typing import NDArray
 
 from envpred.drives.drive import read_points
-from envpred.drives.simulate import classes
-from envpred.drives.simulate.mesh import FloatArray
-from envpred.drives.simulate.traffic import KINDS, LANES, RATE, Recording
 from envpred.errors import UserError
+from envpred.simulate import classes
+from envpred.simulate.mesh import FloatArray
+from envpred.simulate.traffic import KINDS, LANES, RATE, Recording
 
 _SHADES = {
     "driving": "#8c8c94", "junction": "#8c8c94", "parking": "#a9a9b3", "cycleway": "#b58a83", "sidewalk": "#cfcac0",

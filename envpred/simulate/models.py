@@ -7,9 +7,9 @@ from functools import lru_cache
 
 import numpy as np
 
-from envpred.drives.simulate import classes
-from envpred.drives.simulate.mesh import Mesh, box, column, frustum, join, prism, wheel
-from envpred.drives.simulate.traffic import KINDS
+from envpred.simulate import classes
+from envpred.simulate.mesh import Mesh, box, column, frustum, join, prism, wheel
+from envpred.simulate.traffic import KINDS
 
 # Height of each kind of road user in metres (cars vary with their length).
 _HEIGHT = {"van": 2.25, "truck": 3.2, "bicycle": 1.75, "person": 1.75}

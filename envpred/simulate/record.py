@@ -8,9 +8,9 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
-from envpred.drives.simulate.streets import TOWNS, Town, write_network
-from envpred.drives.simulate.traffic import KINDS, LANES, Network, Recording, Track
 from envpred.errors import UserError
+from envpred.simulate.streets import TOWNS, Town, write_network
+from envpred.simulate.traffic import KINDS, LANES, Network, Recording, Track
 
 INTERVAL = 0.5  # seconds between two recorded positions; the tracks are splines in between
 _STEP = 0.1  # seconds of SUMO's own step

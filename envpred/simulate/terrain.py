@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 from scipy.ndimage import distance_transform_edt, gaussian_filter
 
-from envpred.drives.simulate import classes
-from envpred.drives.simulate.mesh import MATERIAL, FloatArray, Mesh, join, mesh
-from envpred.drives.simulate.traffic import LANES, Network
+from envpred.simulate import classes
+from envpred.simulate.mesh import MATERIAL, FloatArray, Mesh, join, mesh
+from envpred.simulate.traffic import LANES, Network
 
 CELL = 0.25  # metres
 MARGIN = 85.0  # metres of ground around the path; more than the sensor's range minus a car's length

@@ -6,13 +6,13 @@ from functools import cached_property
 import numpy as np
 from embreex.rtcore import EmbreeDevice
 
-from envpred.drives.simulate import classes, models
-from envpred.drives.simulate.ego import EgoMotion, drive_over
-from envpred.drives.simulate.layout import STYLES, Layout, Parked, Style
-from envpred.drives.simulate.lidar import Target
-from envpred.drives.simulate.mesh import FloatArray, Mesh, join
-from envpred.drives.simulate.terrain import Terrain
-from envpred.drives.simulate.traffic import KINDS, Motion, Recording
+from envpred.simulate import classes, models
+from envpred.simulate.ego import EgoMotion, drive_over
+from envpred.simulate.layout import STYLES, Layout, Parked, Style
+from envpred.simulate.lidar import Target
+from envpred.simulate.mesh import FloatArray, Mesh, join
+from envpred.simulate.terrain import Terrain
+from envpred.simulate.traffic import KINDS, Motion, Recording
 
 STILL = 0.3  # m/s: what is slower is labelled as standing
 _RANGE = 85.0  # metres around the ego within which others are put into the scene

@@ -8,9 +8,9 @@ import pytest
 from matplotlib.collections import PathCollection
 from matplotlib.patches import Polygon
 
-from envpred.drives.simulate import classes
-from envpred.drives.simulate.pictures import scan_picture, traffic_picture
-from envpred.drives.simulate.traffic import LANES, Network, Recording, Track
+from envpred.simulate import classes
+from envpred.simulate.pictures import scan_picture, traffic_picture
+from envpred.simulate.traffic import LANES, Network, Recording, Track
 
 
 @pytest.fixture(autouse=True)

@@ -7,7 +7,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 from numpy.typing import NDArray
 
-from envpred.drives.simulate import classes
+from envpred.simulate import classes
 
 FloatArray = NDArray[np.float64]
 
