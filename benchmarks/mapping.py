@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.timing import medians, print_table
-from envpred.build import MappingParameters, map_drive
+from envpred.build.grids import MappingParameters, map_drive
 from envpred.drives import Drive, find_drives
 from envpred.mapping import evidence
 from envpred.mapping.ground import RansacPlane

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from envpred.build import MappingParameters, build
+from envpred.build.grids import MappingParameters, build
 from envpred.drives import one_drive
 from envpred.errors import UserError
 from envpred.interrupts import ends_at_once
@@ -61,7 +61,7 @@ def grids(
     build(source, store, parameters, drives, workers, cluster, force)
     if dogma or particle_forecast:
         with ends_at_once():
-            from envpred.build_dogma import build_dogma
+            from envpred.build.dogma import build_dogma
         build_dogma(store, particles, drives, particle_forecast, workers, cluster, force, device)
 
 

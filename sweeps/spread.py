@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from envpred.build.executors import connect
 from envpred.errors import UserError
-from envpred.executors import connect
 from sweeps import processes
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from envpred.build_dogma import build_dogma
+from envpred.build.dogma import build_dogma
 from envpred.errors import UserError
 from envpred.mapping.dogma import DogmaParameters
 from envpred.mapping.particle_state import GROUND, ParticleFilterParameters

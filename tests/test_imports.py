@@ -31,8 +31,7 @@ ALLOWED = {
     "predictions": {"mapping", "scenes", "store", "errors"},
     "velocity_pictures": {"mapping", "plots", "results", "store", "models", "datamodules"},  # the last two for types
     "results": {"models", "__version__"},  # names alone, for types
-    "build": {"drives", "executors", "interrupts", "mapping", "store", "errors"},
-    "executors": {"drives", "errors"},
+    "build": {"build", "drives", "interrupts", "mapping", "store", "errors"},
     "models": {"models", "networks", "datamodules", "metrics", "results", "errors", "mapping.particle_forecast"},
 }
 

@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 import yaml
 
-from envpred.build import MappingParameters
-from envpred.build_dogma import build_dogma
+from envpred.build.dogma import build_dogma
+from envpred.build.grids import MappingParameters
 from envpred.datamodules.variants import VARIANTS
 from envpred.errors import UserError
 from envpred.mapping.dogma import DogmaParameters
@@ -18,7 +18,7 @@ from envpred.store import Store
 from sweeps import stores
 from sweeps.arguments import FitArguments
 from sweeps.plan import MAIN, SWITCHES, Run, make_plan
-from tests import builds
+from tests.build import builds
 from tests.drives.synthetic import write_drive
 from tests.stores import write_store
 from tests.sweeps.conftest import SMALL

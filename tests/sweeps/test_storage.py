@@ -11,7 +11,7 @@ from optuna.trial import TrialState
 
 from envpred.errors import UserError
 from sweeps.storage import JOURNAL, hidden, open_storage, told
-from tests.test_build import mount
+from tests.build.test_grids import mount
 
 
 def study_in(folder: Path) -> optuna.Study:

@@ -14,7 +14,7 @@ from sweeps import processes
 from sweeps.arguments import FitArguments
 from sweeps.progress import Progress, epochs_of
 from sweeps.trial import CONFIG, LOG, Runner, TrialFailedError, failure, fit, logged_to
-from tests import builds
+from tests.build import builds
 from tests.sweeps import stub
 
 

@@ -14,7 +14,7 @@ from optuna.trial import FrozenTrial, TrialState
 from sweeps.best import BEST
 from sweeps.lost import RETRY_OF, WORKER
 from sweeps.storage import open_storage
-from tests import builds
+from tests.build import builds
 from tests.sweeps.conftest import REPOSITORY, tuning
 
 NAME = "prednet_dst_static"

@@ -14,10 +14,10 @@ from typing import Any, Literal
 import numpy as np
 from tqdm import tqdm
 
+from envpred.build.executors import D, Job, in_processes, on_cluster
 from envpred.drives import Drive, find_drives
 from envpred.drives.drive import PAPER_SENSOR_OFFSET
 from envpred.errors import UserError
-from envpred.executors import D, Job, in_processes, on_cluster
 from envpred.interrupts import ends_at_once
 from envpred.mapping import evidence
 from envpred.mapping.evidence import EvidenceParameters

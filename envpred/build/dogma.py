@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from envpred.build import run_jobs
+from envpred.build.grids import run_jobs
 from envpred.errors import UserError
 from envpred.mapping import evidence
 from envpred.mapping.dogma import DogmaParameters, stream

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import yaml
 
-from envpred.build_dogma import build_dogma
+from envpred.build.dogma import build_dogma
 from envpred.datamodules import GridDataModule
 from envpred.errors import UserError
 from envpred.mapping.dogma import VELOCITY_SCALE, DogmaParameters

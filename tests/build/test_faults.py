@@ -13,10 +13,10 @@ from typing import cast
 
 import pytest
 
+from envpred.build.executors import in_processes
 from envpred.errors import UserError
-from envpred.executors import in_processes
 from envpred.store import Store
-from tests import builds
+from tests.build import builds
 
 
 @pytest.fixture(scope="module")
@@ -125,7 +125,7 @@ import resource, sys
 from pathlib import Path
 from types import SimpleNamespace
 from typing import cast
-from envpred.build import build
+from envpred.build.grids import build
 build(Path(sys.argv[1]), Path(sys.argv[2]), workers=1)
 # Its own peak is the kernel's: getrusage's starts from what the test's process had when it started this one.
 own = next(line.split()[1] for line in Path("/proc/self/status").read_text().splitlines() if line.startswith("VmHWM"))

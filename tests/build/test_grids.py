@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 
 from envpred import build as building
-from envpred.build import MappingParameters, build
+from envpred.build.grids import MappingParameters, build
 from envpred.drives import find_drives
 from envpred.drives.drive import Drive
 from envpred.errors import UserError
 from envpred.mapping import evidence, ground, label_grid
 from envpred.mapping.geometry import GridSpec
 from envpred.store import Store
-from tests import builds
+from tests.build import builds
 from tests.drives.synthetic import write_drive
 
 NAMES = [f"2011_09_26_drive_{number}_sync" for number in ("0001", "0002", "0003")]

@@ -10,9 +10,9 @@ from typing import Any
 
 import pytest
 
-from envpred.build import build
+from envpred.build.grids import build
 from envpred.errors import UserError
-from tests import builds
+from tests.build import builds
 
 distributed = pytest.importorskip("distributed", reason="needs Dask: pip install 'envpred[cluster]'")
 
