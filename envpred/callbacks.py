@@ -18,9 +18,10 @@ from torch.utils.tensorboard import SummaryWriter
 from envpred import plots
 from envpred.datamodules import WindowBatch
 from envpred.forecast_pictures import forecast_strip, scene_animation, scene_strip
+from envpred.horizons import SHOWN_HORIZONS
 from envpred.models.forecaster import Forecaster
-from envpred.results import RESULT, SHOWN_HORIZONS, add_pictures
-from envpred.scenes import Scene, write_scenes
+from envpred.results.result import RESULT, add_pictures
+from envpred.results.scenes import Scene, write_scenes
 from envpred.velocity_pictures import of_window
 
 DRAWN = "drawn.npz"  # the forecasts of the windows that are drawn, beside the result

@@ -9,12 +9,13 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from envpred.drives import one_drive
 from envpred.errors import UserError
 from envpred.forecast_pictures import scene_animation, scene_strip
+from envpred.horizons import PERIOD
 from envpred.plots import save
-from envpred.predictions import Predictions
 from envpred.report.pictures import drawn_scenes
 from envpred.report.runs import read_run
-from envpred.results import PERIOD, RESULT
-from envpred.scenes import Scene, together
+from envpred.results.predictions import Predictions
+from envpred.results.result import RESULT
+from envpred.results.scenes import Scene, together
 from envpred.store import MANIFEST, Store
 
 Key = tuple[str, int]  # drive and last frame shown

@@ -17,11 +17,11 @@ from matplotlib.ticker import MaxNLocator, NullLocator
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
+from envpred.horizons import PERIOD, SHOWN_HORIZONS
 from envpred.mapping.geometry import GridSpec
-from envpred.movers import Mover
 from envpred.plots import SKY, VERMILION, Grid, draw_grid, figure, gif
-from envpred.results import PERIOD, SHOWN_HORIZONS
-from envpred.scenes import Scene
+from envpred.results.movers import Mover
+from envpred.results.scenes import Scene
 
 EGO_CIRCLE = 3.5  # m; the ego's body and a little more
 # An animation's palette: greys from black to white, and the orange of what is forecast.

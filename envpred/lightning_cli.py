@@ -23,7 +23,7 @@ from envpred.errors import UserError
 from envpred.models import Forecaster
 from envpred.models.checkpoints import read_checkpoint
 from envpred.prediction_writer import PredictionWriter
-from envpred.results import short_name
+from envpred.results.result import short_name
 
 RUNS = Path("runs")
 

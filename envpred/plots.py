@@ -19,9 +19,9 @@ from matplotlib.image import AxesImage
 from numpy.typing import NDArray
 from PIL import Image
 
+from envpred.horizons import PERIOD
 from envpred.mapping.evidence import pignistic
 from envpred.mapping.geometry import EGO, FREE, OCCUPIED, UNKNOWN, GridSpec
-from envpred.results import PERIOD
 
 Grid = NDArray[np.floating] | NDArray[np.uint8]
 

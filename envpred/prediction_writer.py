@@ -17,8 +17,8 @@ from lightning.pytorch.utilities import rank_zero_info
 
 from envpred.errors import UserError
 from envpred.models import Forecaster
-from envpred.predictions import FORMAT, WHAT, drive_entry, window_entry
-from envpred.results import provenance
+from envpred.results.predictions import FORMAT, WHAT, drive_entry, window_entry
+from envpred.results.result import provenance
 from envpred.store import MANIFEST, sweep
 from envpred.store.files import write_json
 

@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 from PIL import Image
 from torch import Tensor
 
+from envpred.horizons import SHOWN_HORIZONS, horizon_name
 from envpred.mapping.dogma import VELOCITY_SCALE, moving_velocity
 from envpred.mapping.geometry import EGO, FREE, OCCUPIED, UNKNOWN, GridSpec, heading_of
 from envpred.plots import LABEL_COLOURS, draw_grid, figure, gif
-from envpred.results import SHOWN_HORIZONS, horizon_name
 from envpred.store import StoredDrive
 
 if TYPE_CHECKING:  # Lightning, which only training needs

@@ -8,7 +8,7 @@ from typing import Any
 
 import optuna
 
-from envpred.results import revision
+from envpred.results.result import revision
 from sweeps.arguments import FitArguments
 from sweeps.study import ARGUMENTS
 from sweeps.trial import as_yaml

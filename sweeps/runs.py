@@ -10,7 +10,7 @@ from typing import Any
 
 from envpred.datamodules import GridDataModule
 from envpred.errors import UserError
-from envpred.results import RESULT
+from envpred.results.result import RESULT
 from envpred.store import digest
 from sweeps import processes
 from sweeps.arguments import FitArguments

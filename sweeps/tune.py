@@ -24,7 +24,7 @@ from torch.utils.tensorboard import SummaryWriter
 
 from envpred.datamodules import GridDataModule
 from envpred.errors import UserError
-from envpred.results import short_name
+from envpred.results.result import short_name
 from envpred.store import digest
 from sweeps import sampling
 from sweeps.arguments import FitArguments

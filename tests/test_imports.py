@@ -25,14 +25,22 @@ ALLOWED = {
     "simulate": {"simulate", "drives", "mapping", "build", "store", "plots", "errors"},
     "store": {"store", "errors", "__version__"},
     "datamodules": {"datamodules", "store", "mapping", "errors"},
-    "plots": {"mapping", "movers", "results"},
-    "scenes": {"movers", "errors"},
-    "forecast_pictures": {"mapping", "movers", "plots", "results", "scenes"},
-    "predictions": {"mapping", "scenes", "store", "errors"},
-    "velocity_pictures": {"mapping", "plots", "results", "store", "models", "datamodules"},  # the last two for types
-    "results": {"models", "__version__"},  # names alone, for types
+    "horizons": set(),
+    "plots": {"mapping", "horizons"},
+    "forecast_pictures": {"mapping", "plots", "horizons", "results"},
+    "velocity_pictures": {"mapping", "plots", "horizons", "store", "models", "datamodules"},  # the last two for types
+    "results": {"results", "mapping", "store", "models", "horizons", "errors", "__version__"},  # models for types
     "build": {"build", "drives", "interrupts", "mapping", "store", "errors"},
-    "models": {"models", "networks", "datamodules", "metrics", "results", "errors", "mapping.particle_forecast"},
+    "models": {
+        "models",
+        "networks",
+        "datamodules",
+        "metrics",
+        "results",
+        "horizons",
+        "errors",
+        "mapping.particle_forecast",
+    },
 }
 
 

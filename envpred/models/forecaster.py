@@ -16,9 +16,10 @@ from torchmetrics import MetricCollection
 from envpred.datamodules import GridDataModule, WindowBatch
 from envpred.datamodules.variants import variant as variant_of
 from envpred.errors import UserError
+from envpred.horizons import SHOWN_HORIZONS, horizon_name
 from envpred.metrics.collection import forecast_metrics
 from envpred.metrics.horizon_mse import HorizonMSE
-from envpred.results import SHOWN_HORIZONS, horizon_name, write_test_result
+from envpred.results.result import write_test_result
 
 
 class Forecaster(LightningModule):

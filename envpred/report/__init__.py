@@ -22,7 +22,7 @@ from envpred.report.tables import (
     shown_columns,
     variants_table,
 )
-from envpred.scenes import Scene
+from envpred.results.scenes import Scene
 
 PAGE = "report.html"
 

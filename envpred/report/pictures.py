@@ -8,7 +8,7 @@ import numpy as np
 from envpred.errors import UserError
 from envpred.report.published import STATIC
 from envpred.report.runs import Run
-from envpred.scenes import Scene, read_scenes, together
+from envpred.results.scenes import Scene, read_scenes, together
 
 RELATIVE, ABSOLUTE = 0.02, 1e-5  # between a squared error and that of grids kept as halves
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from envpred.errors import UserError
-from envpred.results import FORMAT, RESULT
+from envpred.results.result import FORMAT, RESULT
 
 FloatArray = NDArray[np.float64]
 

@@ -11,7 +11,7 @@ import pytest
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from envpred.cli import main
-from envpred.results import RESULT
+from envpred.results.result import RESULT
 from tests.stores import write_store
 
 REPOSITORY = Path(__file__).resolve().parents[2]

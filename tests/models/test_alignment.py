@@ -11,7 +11,7 @@ from torch import Tensor
 from envpred.datamodules import WindowBatch
 from envpred.mapping.evidence import pignistic
 from envpred.models.forecaster import Forecaster
-from envpred.results import RESULT
+from envpred.results.result import RESULT
 from envpred.store import Store
 from tests.models.trainers import grids, trainer
 

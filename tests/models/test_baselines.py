@@ -10,7 +10,7 @@ import torch
 from envpred.errors import UserError
 from envpred.models import FCNForecaster, MovedLastFrame, MovedLastFrameOracle
 from envpred.models.baselines import extrapolate
-from envpred.results import RESULT
+from envpred.results.result import RESULT
 from tests.models.trainers import grids, trainer
 
 

@@ -11,7 +11,7 @@ from envpred.datamodules import WindowBatch
 from envpred.mapping.evidence import pignistic
 from envpred.models import LastFrame
 from envpred.models.forecaster import Forecaster
-from envpred.results import RESULT, short_name
+from envpred.results.result import RESULT, short_name
 from envpred.store import Store
 from tests.models.trainers import grids, prednet, trainer
 

@@ -17,7 +17,7 @@ from envpred.mapping.evidence import pignistic
 from envpred.models import FCNForecaster, LastFrame, MovedLastFrame, MovedLastFrameOracle, ParticleForecast
 from envpred.models.forecaster import Forecaster
 from envpred.prediction_writer import PredictionWriter
-from envpred.predictions import Predictions
+from envpred.results.predictions import Predictions
 from envpred.store import Store
 from tests.models.trainers import grids, prednet, trainer
 from tests.stores import write_store

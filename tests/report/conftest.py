@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from envpred.report import report
-from envpred.scenes import Scene, write_scenes
+from envpred.results.scenes import Scene, write_scenes
 
 HORIZONS, WINDOWS = 15, 30
 DRAWN_WINDOWS = (0, WINDOWS - 1)

@@ -12,7 +12,7 @@ import pytest
 from envpred.errors import UserError
 from envpred.report import report
 from envpred.report.runs import read_runs
-from envpred.scenes import read_scenes, write_scenes
+from envpred.results.scenes import read_scenes, write_scenes
 from tests.report.conftest import draw_windows
 
 MakeRun = Callable[..., Path]

@@ -7,7 +7,7 @@ import pytest
 
 from envpred.callbacks import Pictures
 from envpred.cli import main as envpred
-from envpred.results import RESULT
+from envpred.results.result import RESULT
 from sweeps.ablation import main
 from sweeps.runs import CONFIG, Job
 from sweeps.trial import TrialFailedError, logged_to

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from envpred.errors import UserError
-from envpred.movers import Mover, movers
+from envpred.results.movers import Mover, movers
 
 Grids = NDArray[np.float32]
 TOLERANCE = 2e-3  # between grids that were kept as halves

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from envpred.errors import UserError
 from envpred.mapping.evidence import pignistic
 from envpred.mapping.geometry import heading_of
-from envpred.scenes import Scene
+from envpred.results.scenes import Scene
 from envpred.store import MANIFEST, Store, StoredDrive
 from envpred.store.files import read_json
 

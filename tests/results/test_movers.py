@@ -10,9 +10,9 @@ from PIL import Image
 
 from envpred.errors import UserError
 from envpred.forecast_pictures import animation, comparison_strip, forecast_strip, scene_animation, scene_strip
-from envpred.movers import movers, on_lattice_of
 from envpred.plots import save
-from envpred.scenes import Scene, read_scenes, together, write_scenes
+from envpred.results.movers import movers, on_lattice_of
+from envpred.results.scenes import Scene, read_scenes, together, write_scenes
 
 CELLS, FRAMES = 64, 12
 

@@ -1,0 +1,1 @@
+"""What runs leave on disk: results of test runs, predictions, and the scenes that pictures show."""
