@@ -15,14 +15,14 @@ from tensorboard.compat.proto.summary_pb2 import Summary
 from torch.utils.data import default_collate
 from torch.utils.tensorboard import SummaryWriter
 
-from envpred import plots
 from envpred.datamodules import WindowBatch
-from envpred.forecast_pictures import forecast_strip, scene_animation, scene_strip
 from envpred.horizons import SHOWN_HORIZONS
 from envpred.models.forecaster import Forecaster
+from envpred.pictures import grids as pictures
+from envpred.pictures.forecasts import forecast_strip, scene_animation, scene_strip
+from envpred.pictures.velocities import of_window
 from envpred.results.result import RESULT, add_pictures
 from envpred.results.scenes import Scene, write_scenes
-from envpred.velocity_pictures import of_window
 
 DRAWN = "drawn.npz"  # the forecasts of the windows that are drawn, beside the result
 FORECAST = "forecast"
@@ -79,12 +79,12 @@ class Pictures(Callback):
         scenes = self._scenes(pl_module, "test")
         for place, (index, scene) in enumerate(scenes.items()):
             strip = forecast_strip(scene.target, scene.forecasts[FORECAST], SHOWN_HORIZONS, scene.where)
-            plots.save(strip, Path(folder) / "pictures" / f"window_{place}.png")
+            pictures.save(strip, Path(folder) / "pictures" / f"window_{place}.png")
             (Path(folder) / "pictures" / f"window_{place}.gif").write_bytes(scene_animation(scene))
             names |= {f"window_{place}_{kind}": f"pictures/window_{place}.{kind}" for kind in ("png", "gif")}
             velocities = of_window(pl_module, _batch(pl_module, "test", index), scene.where)
             if velocities is not None:
-                plots.save(velocities, Path(folder) / "pictures" / f"window_{place}_velocity.png")
+                pictures.save(velocities, Path(folder) / "pictures" / f"window_{place}_velocity.png")
         write_scenes(Path(folder) / DRAWN, scenes)
         add_pictures(Path(folder) / RESULT, names, DRAWN)
 

@@ -98,7 +98,7 @@ def ground(source: Path, out: Path, drive: str | None = None, frame: int | None 
         drive: name of the drive; by default the first.
         frame: frame number; by default the drive's first.
     """
-    from envpred import plots
+    from envpred.pictures import grids as pictures
 
     chosen = one_drive(source, drive)
     if frame is not None and frame not in chosen.frames:
@@ -106,7 +106,7 @@ def ground(source: Path, out: Path, drive: str | None = None, frame: int | None 
     points = chosen.scan(chosen.frames[0] if frame is None else frame)
     methods = {"MRF": MarkovRandomField(), "RANSAC": RansacPlane()}
     verdicts = {name: method.obstacles(points) for name, method in methods.items()}
-    print(plots.save(plots.ground_comparison(points, verdicts), out))
+    print(pictures.save(pictures.ground_comparison(points, verdicts), out))
 
 
 def show(store: Path, out: Path, drive: str | None = None, frame: int = 0) -> None:
@@ -118,15 +118,15 @@ def show(store: Path, out: Path, drive: str | None = None, frame: int = 0) -> No
         drive: name of the drive; by default the first.
         frame: position of the frame in the drive.
     """
-    from envpred import plots
+    from envpred.pictures import grids as pictures
 
     chosen = _stored_drive(store, drive, frame)
     labels, mass = chosen.array("label"), chosen.array("evidence")
     if out.suffix == ".gif":
-        out.write_bytes(plots.drive_animation(labels, mass))
+        out.write_bytes(pictures.drive_animation(labels, mass))
         print(out)
     else:
-        print(plots.save(plots.mapping_overview(np.array(labels[frame]), np.array(mass[frame], np.float32)), out))
+        print(pictures.save(pictures.mapping_overview(np.array(labels[frame]), np.array(mass[frame], np.float32)), out))
 
 
 def velocity(store: Path, out: Path, drive: str | None = None, frame: int = 0) -> None:
@@ -138,14 +138,15 @@ def velocity(store: Path, out: Path, drive: str | None = None, frame: int = 0) -
         drive: name of the drive; by default the first.
         frame: position of the frame in the drive.
     """
-    from envpred import plots, velocity_pictures
+    from envpred.pictures import grids as pictures
+    from envpred.pictures import velocities
 
     chosen = _stored_drive(store, drive, frame)
     if out.suffix == ".gif":
-        out.write_bytes(velocity_pictures.of_drive(chosen))
+        out.write_bytes(velocities.of_drive(chosen))
         print(out)
     else:
-        print(plots.save(velocity_pictures.of_frame(chosen, frame), out))
+        print(pictures.save(velocities.of_frame(chosen, frame), out))
 
 
 def report(runs: list[Path], out: Path) -> None:

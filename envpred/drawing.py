@@ -8,9 +8,9 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from envpred.drives import one_drive
 from envpred.errors import UserError
-from envpred.forecast_pictures import scene_animation, scene_strip
 from envpred.horizons import PERIOD
-from envpred.plots import save
+from envpred.pictures.forecasts import scene_animation, scene_strip
+from envpred.pictures.grids import save
 from envpred.report.pictures import drawn_scenes
 from envpred.report.runs import read_run
 from envpred.results.predictions import Predictions

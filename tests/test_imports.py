@@ -22,13 +22,19 @@ ALLOWED = {
     "networks": {"networks", "errors"},
     "metrics": {"metrics"},
     "drives": {"drives", "mapping.geometry", "errors"},
-    "simulate": {"simulate", "drives", "mapping", "build", "store", "plots", "errors"},
+    "simulate": {"simulate", "drives", "mapping", "build", "store", "pictures", "errors"},
     "store": {"store", "errors", "__version__"},
     "datamodules": {"datamodules", "store", "mapping", "errors"},
     "horizons": set(),
-    "plots": {"mapping", "horizons"},
-    "forecast_pictures": {"mapping", "plots", "horizons", "results"},
-    "velocity_pictures": {"mapping", "plots", "horizons", "store", "models", "datamodules"},  # the last two for types
+    "pictures": {
+        "pictures",
+        "mapping",
+        "horizons",
+        "results",
+        "store",
+        "models",
+        "datamodules",
+    },  # the last two for types
     "results": {"results", "mapping", "store", "models", "horizons", "errors", "__version__"},  # models for types
     "build": {"build", "drives", "interrupts", "mapping", "store", "errors"},
     "models": {

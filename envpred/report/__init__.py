@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from envpred.forecast_pictures import scene_animation, scene_strip
-from envpred.plots import save
+from envpred.pictures.forecasts import scene_animation, scene_strip
+from envpred.pictures.grids import save
 from envpred.report.curves import error_curves, reliability_diagram
 from envpred.report.page import Picture, page, pictures_of
 from envpred.report.pictures import compared_scenes

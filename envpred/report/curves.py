@@ -6,12 +6,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from envpred.plots import GREEN, GREY, ORANGE, SKY, VERMILION, figure
+from envpred.pictures.grids import GREEN, GREY, ORANGE, SKY, VERMILION, figure
 from envpred.report.published import CURVE_NAMES, SOURCE, STATIC, curves
 from envpred.report.runs import Run
 from envpred.report.tables import UNIT, methods, shown_columns
 
-BLUE, PURPLE, BLACK = "#0072b2", "#cc79a7", "#000000"  # with those of plots.py: the palette of Okabe and Ito
+BLUE, PURPLE, BLACK = "#0072b2", "#cc79a7", "#000000"  # with those of pictures.grids: the palette of Okabe and Ito
 COLOUR_OF = {"prednet": BLUE, "fcn": VERMILION, "particle": ORANGE, "moved": GREEN, STATIC: BLACK, "last_frame": BLACK}
 OTHERS = (PURPLE, SKY, GREY)
 STYLES = ("-", "--", "-.", ":")

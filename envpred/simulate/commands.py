@@ -65,15 +65,15 @@ def scan(source: Path, out: Path, drive: str | None = None, frame: int = 0) -> N
         drive: name of the drive; by default the first.
         frame: frame number.
     """
-    from envpred import plots
     from envpred.drives import one_drive
     from envpred.drives.kitti import KittiDrive
+    from envpred.pictures import grids as pictures
     from envpred.simulate.pictures import scan_picture
 
     chosen = one_drive(source, drive)
     if not isinstance(chosen, KittiDrive):
         raise UserError(f"{chosen.name}: no simulated drive; give a folder that `envpred simulate` wrote")
-    print(plots.save(scan_picture(chosen.folder, frame), out))
+    print(pictures.save(scan_picture(chosen.folder, frame), out))
 
 
 def traffic(out: Path, town: int = 0, second: float = 60.0, recording: Path | None = None) -> None:
@@ -85,7 +85,7 @@ def traffic(out: Path, town: int = 0, second: float = 60.0, recording: Path | No
         second: moment of the recording.
         recording: traffic recorded with SUMO; by default the one that comes with envpred.
     """
-    from envpred import plots
+    from envpred.pictures import grids as pictures
     from envpred.simulate.pictures import traffic_picture
     from envpred.simulate.run import builtin_recording
     from envpred.simulate.traffic import Recording
@@ -95,4 +95,4 @@ def traffic(out: Path, town: int = 0, second: float = 60.0, recording: Path | No
         raise UserError(f"--town {town}: the recording has {len(found.networks)} towns, counted from 0")
     if not 0 <= second <= found.seconds:
         raise UserError(f"--second {second:g}: the recording lasts {found.seconds:g} s")
-    print(plots.save(traffic_picture(found, town, second), out))
+    print(pictures.save(traffic_picture(found, town, second), out))

@@ -9,8 +9,8 @@ import pytest
 from PIL import Image
 
 from envpred.errors import UserError
-from envpred.forecast_pictures import animation, comparison_strip, forecast_strip, scene_animation, scene_strip
-from envpred.plots import save
+from envpred.pictures.forecasts import animation, comparison_strip, forecast_strip, scene_animation, scene_strip
+from envpred.pictures.grids import save
 from envpred.results.movers import movers, on_lattice_of
 from envpred.results.scenes import Scene, read_scenes, together, write_scenes
 

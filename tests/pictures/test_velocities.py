@@ -8,8 +8,7 @@ import pytest
 from PIL import Image
 
 from envpred.mapping.geometry import EGO, FREE, OCCUPIED
-from envpred.store import Store
-from envpred.velocity_pictures import (
+from envpred.pictures.velocities import (
     FASTEST,
     colour_of,
     of_drive,
@@ -18,6 +17,7 @@ from envpred.velocity_pictures import (
     over_occupancy,
     velocity_strip,
 )
+from envpred.store import Store
 from tests.stores import write_store
 
 

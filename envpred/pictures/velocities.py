@@ -21,7 +21,7 @@ from torch import Tensor
 from envpred.horizons import SHOWN_HORIZONS, horizon_name
 from envpred.mapping.dogma import VELOCITY_SCALE, moving_velocity
 from envpred.mapping.geometry import EGO, FREE, OCCUPIED, UNKNOWN, GridSpec, heading_of
-from envpred.plots import LABEL_COLOURS, draw_grid, figure, gif
+from envpred.pictures.grids import LABEL_COLOURS, draw_grid, figure, gif
 from envpred.store import StoredDrive
 
 if TYPE_CHECKING:  # Lightning, which only training needs
@@ -134,7 +134,7 @@ def velocity_strip(
     chosen = [h for h in horizons if h <= len(target[0])]
     rows = [("target", target)] + ([("forecast", forecast)] if forecast is not None else [])
     width, height = 2.3 * (len(chosen) + 1) + 0.9, 2.3 * len(rows) + 0.9
-    # Placed by hand, as in `forecast_pictures.forecast_strip`.
+    # Placed by hand, as in `forecasts.forecast_strip`.
     fig = figure(width, height, layout=None)
     axes = fig.subplots(len(rows), len(chosen) + 1, sharex=True, sharey=True, squeeze=False)
     fig.subplots_adjust(0.75 / width, 0.5 / height, 1 - 0.1 / width, 1 - 0.55 / height, 0.06, 0.06)

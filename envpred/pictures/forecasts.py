@@ -19,7 +19,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from envpred.horizons import PERIOD, SHOWN_HORIZONS
 from envpred.mapping.geometry import GridSpec
-from envpred.plots import SKY, VERMILION, Grid, draw_grid, figure, gif
+from envpred.pictures.grids import SKY, VERMILION, Grid, draw_grid, figure, gif
 from envpred.results.movers import Mover
 from envpred.results.scenes import Scene
 

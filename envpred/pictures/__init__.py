@@ -1,0 +1,1 @@
+"""Every picture: the command line, TensorBoard and reports call these."""
