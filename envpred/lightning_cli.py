@@ -16,13 +16,13 @@ from jsonargparse import DefaultHelpFormatter, Namespace
 from lightning.pytorch.cli import LightningArgumentParser, LightningCLI
 
 from envpred import __version__
-from envpred.callbacks import Pictures
+from envpred.callbacks.pictures import Pictures
+from envpred.callbacks.predictions import PredictionWriter
 from envpred.commands import COMMANDS
 from envpred.datamodules import GridDataModule
 from envpred.errors import UserError
 from envpred.models import Forecaster
 from envpred.models.checkpoints import read_checkpoint
-from envpred.prediction_writer import PredictionWriter
 from envpred.results.result import short_name
 
 RUNS = Path("runs")

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from envpred.callbacks.predictions import PredictionWriter
 from envpred.cli import main
 from envpred.drawing import draw
 from envpred.errors import UserError
 from envpred.models import LastFrame, MovedLastFrame
 from envpred.models.forecaster import Forecaster
-from envpred.prediction_writer import PredictionWriter
 from tests.drives.synthetic import write_drive
 from tests.models.trainers import grids, trainer
 from tests.stores import write_store

@@ -9,8 +9,8 @@ import torch
 from envpred.metrics.skill import skill
 from envpred.report.published import SOURCE, STATIC, counterpart, table_1
 from envpred.report.runs import Measured, Run
+from envpred.report.statistics import Comparison, compare_pairs
 from envpred.report.table import Cell, Table
-from envpred.statistics import Comparison, compare_pairs
 
 SHOWN_S = (0.1, 0.5, 1.0, 1.5)  # horizons of the paper's Table I
 LEVEL = 0.05

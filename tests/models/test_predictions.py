@@ -11,12 +11,12 @@ from lightning.pytorch import Trainer
 from numpy.typing import NDArray
 from torch import Tensor
 
+from envpred.callbacks.predictions import PredictionWriter
 from envpred.datamodules import WindowBatch
 from envpred.errors import UserError
 from envpred.mapping.evidence import pignistic
 from envpred.models import FCNForecaster, LastFrame, MovedLastFrame, MovedLastFrameOracle, ParticleForecast
 from envpred.models.forecaster import Forecaster
-from envpred.prediction_writer import PredictionWriter
 from envpred.results.predictions import Predictions
 from envpred.store import Store
 from tests.models.trainers import grids, prednet, trainer

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from envpred.callbacks import Pictures
+from envpred.callbacks.pictures import Pictures
 from envpred.cli import main as envpred
 from envpred.results.result import RESULT
 from sweeps.ablation import main

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from envpred.statistics import bootstrap_interval, compare_pairs, holm, wilcoxon
+from envpred.report.statistics import bootstrap_interval, compare_pairs, holm, wilcoxon
 
 
 def test_wilcoxon_by_hand() -> None:
