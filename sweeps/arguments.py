@@ -9,8 +9,8 @@ from typing import Any
 
 import yaml
 
+from envpred.cli.lightning import EnvpredCLI, lightning
 from envpred.errors import UserError
-from envpred.lightning_cli import EnvpredCLI, lightning
 
 
 class _ReadOnly(EnvpredCLI):

@@ -86,7 +86,7 @@ class Job:
         given = ["--config", str(self.folder / CONFIG), *logged_to(self.folder), *options]
         log = self.folder / f"{command}.log"
         with log.open("wb") as out:
-            process = processes.start([sys.executable, "-m", "envpred.cli", command, *given], out, threads=self.threads)
+            process = processes.start([sys.executable, "-m", "envpred", command, *given], out, threads=self.threads)
             try:
                 code = process.wait()
             finally:

@@ -82,7 +82,7 @@ def _map(key: str, main: Path, folder: Path, source: Path | None) -> None:
     assert source is not None  # `check` has seen to that
     options = command(key, main, folder, source)
     done = subprocess.run(
-        [sys.executable, "-m", "envpred.cli", "grids", *options], stderr=subprocess.PIPE, text=True, check=False
+        [sys.executable, "-m", "envpred", "grids", *options], stderr=subprocess.PIPE, text=True, check=False
     )
     if done.returncode:
         lines = [line for line in done.stderr.splitlines() if line.startswith("envpred: ")] or [done.stderr[-300:]]

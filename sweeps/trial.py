@@ -32,7 +32,7 @@ class TrialFailedError(Exception):
 
 def fit(config: Path, folder: Path) -> list[str]:
     """The command of a run: `envpred fit` of a configuration, logging to `folder`."""
-    return [sys.executable, "-m", "envpred.cli", "fit", "--config", str(config), *logged_to(folder)]
+    return [sys.executable, "-m", "envpred", "fit", "--config", str(config), *logged_to(folder)]
 
 
 def logged_to(folder: Path) -> list[str]:

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from envpred.commands import verify
+from envpred.cli.commands import verify
 from envpred.errors import UserError
 from envpred.store import MANIFEST, DriveWriter, Store, StoredDrive, digest, sweep
 

@@ -13,7 +13,7 @@ from tests.drives.synthetic import write_drive
 
 def command(source: Path, store: Path, *options: str) -> list[str]:
     """The command line that maps `source` into `store`."""
-    return [sys.executable, "-m", "envpred.cli", "grids", "--source", str(source), "--store", str(store), *options]
+    return [sys.executable, "-m", "envpred", "grids", "--source", str(source), "--store", str(store), *options]
 
 
 def start(source: Path, store: Path, *options: str) -> subprocess.Popen[str]:

@@ -18,7 +18,7 @@ from lightning.pytorch.cli import LightningArgumentParser, LightningCLI
 from envpred import __version__
 from envpred.callbacks.pictures import Pictures
 from envpred.callbacks.predictions import PredictionWriter
-from envpred.commands import COMMANDS
+from envpred.cli.commands import COMMANDS
 from envpred.datamodules import GridDataModule
 from envpred.errors import UserError
 from envpred.models import Forecaster

@@ -9,7 +9,7 @@ from PIL import Image
 
 from envpred.callbacks.predictions import PredictionWriter
 from envpred.cli import main
-from envpred.drawing import draw
+from envpred.cli.draw import draw
 from envpred.errors import UserError
 from envpred.models import LastFrame, MovedLastFrame
 from envpred.models.forecaster import Forecaster

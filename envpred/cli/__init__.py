@@ -19,12 +19,12 @@ def main(args: list[str] | None = None) -> None:
     args = sys.argv[1:] if args is None else args
     try:
         with ends_at_once():
-            from envpred.commands import COMMANDS
+            from envpred.cli.commands import COMMANDS
         if args and args[0] in COMMANDS:
             own(args[0], args[1:])
         else:
             with ends_at_once():
-                from envpred.lightning_cli import lightning
+                from envpred.cli.lightning import lightning
             lightning(args)
     except UserError as error:
         print(f"envpred: {error}", file=sys.stderr)
@@ -40,7 +40,7 @@ def own(name: str, args: list[str]) -> None:
     with ends_at_once():
         from jsonargparse import ArgumentParser
 
-        from envpred.commands import COMMANDS, POSITIONAL
+        from envpred.cli.commands import COMMANDS, POSITIONAL
 
         function = COMMANDS[name]
         parser = ArgumentParser(prog=f"envpred {name}", description=(function.__doc__ or "").splitlines()[0])
@@ -51,7 +51,3 @@ def own(name: str, args: list[str]) -> None:
         parser.add_function_arguments(function, as_positional=False, skip={name_of} if name_of else None)
         options = parser.instantiate(parser.parse_args(args))
     function(**{key: options[key] for key in vars(options) if key != "config"})
-
-
-if __name__ == "__main__":
-    main()

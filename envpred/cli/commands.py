@@ -190,7 +190,7 @@ def draw(
         source: folder with the drives, for pictures of their camera.
         horizons: of the strip, in seconds; by default those of the paper, and the last.
     """
-    from envpred.drawing import draw as draw_window
+    from envpred.cli.draw import draw as draw_window
 
     print(draw_window(predictions, out, window, store, source, horizons))
 
