@@ -10,7 +10,7 @@ from envpred.errors import UserError
 from envpred.mapping.dogma import VELOCITY_SCALE, DogmaParameters
 from envpred.mapping.particle_state import GROUND, ParticleFilterParameters
 from envpred.store import Store
-from tests.stores import write_store
+from tests.store.stores import write_store
 
 SMALL = DogmaParameters(ParticleFilterParameters(persistent=2000, births=200))
 

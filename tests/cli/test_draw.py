@@ -15,7 +15,7 @@ from envpred.models import LastFrame, MovedLastFrame
 from envpred.models.forecaster import Forecaster
 from tests.drives.synthetic import write_drive
 from tests.models.trainers import grids, trainer
-from tests.stores import write_store
+from tests.store.stores import write_store
 
 DRIVE = "2011_09_26_drive_0001_sync"
 Folders = dict[str, Path]

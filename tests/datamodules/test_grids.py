@@ -11,7 +11,7 @@ from envpred.datamodules.windows import Draw, RandomWindows, windows_in_order
 from envpred.errors import UserError
 from envpred.mapping.evidence import pignistic
 from envpred.store import Store
-from tests.stores import write_store
+from tests.store.stores import write_store
 
 LENGTH = 8
 

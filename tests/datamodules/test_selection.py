@@ -5,7 +5,7 @@ import pytest
 from envpred.datamodules.selection import PAPER_TEST, PAPER_VALIDATION, preset, select
 from envpred.errors import UserError
 from envpred.store import Store
-from tests.stores import write_store
+from tests.store.stores import write_store
 
 
 def names(stretches: list) -> list[str]:  # type: ignore[type-arg]

@@ -12,7 +12,7 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 
 from envpred.cli import main
 from envpred.results.result import RESULT
-from tests.stores import write_store
+from tests.store.stores import write_store
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 STATIC = REPOSITORY / "configs" / "data" / "dst_static.yaml"

@@ -2,7 +2,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.stores import write_store
+from tests.store.stores import write_store
 
 
 @pytest.fixture(scope="session")

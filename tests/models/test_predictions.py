@@ -20,7 +20,7 @@ from envpred.models.forecaster import Forecaster
 from envpred.results.predictions import Predictions
 from envpred.store import Store
 from tests.models.trainers import grids, prednet, trainer
-from tests.stores import write_store
+from tests.store.stores import write_store
 
 
 @pytest.fixture(scope="module")
@@ -68,7 +68,7 @@ def test_the_manifest_places_every_window(gaps: Path, tmp_path: Path) -> None:
     second = manifest["windows"][1]
     assert (second["start"], second["start_frame"], second["targets"]) == (8, 15, 5)
     assert second["file"] == "a/0000000017.npy"
-    # The drive's tenth position: see tests.stores.
+    # The drive's tenth position: see tests.store.stores.
     assert second["centre_cell"] == [40 + 10 // 3, 40]
     assert second["target_centre_cell"] == [[40 + t // 3, 40] for t in range(11, 16)]
     assert second["pose"] == pytest.approx({"east_m": 10 / 9 + 40 / 3, "north_m": 40 / 3, "heading_rad": 0})

@@ -18,7 +18,7 @@ from envpred.pictures.velocities import (
     velocity_strip,
 )
 from envpred.store import Store
-from tests.stores import write_store
+from tests.store.stores import write_store
 
 
 def one(east: float, north: float) -> np.ndarray:

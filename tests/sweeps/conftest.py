@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from sweeps.arguments import FitArguments
-from tests.stores import write_store
+from tests.store.stores import write_store
 from tests.sweeps import stub
 
 REPOSITORY = Path(__file__).resolve().parents[2]

@@ -11,7 +11,7 @@ from envpred.results.result import RESULT
 from sweeps.ablation import main
 from sweeps.runs import CONFIG, Job
 from sweeps.trial import TrialFailedError, logged_to
-from tests.stores import write_store
+from tests.store.stores import write_store
 from tests.sweeps.conftest import SMALL
 
 

@@ -20,7 +20,7 @@ from sweeps.arguments import FitArguments
 from sweeps.plan import MAIN, SWITCHES, Run, make_plan
 from tests.build import builds
 from tests.drives.synthetic import write_drive
-from tests.stores import write_store
+from tests.store.stores import write_store
 from tests.sweeps.conftest import SMALL
 
 FIT = [f"--config={SMALL}", "--model.t1_epochs=2", "--model.t5_epochs=4", "--model.t5_drop_epoch=3", "--data.val=[b]"]

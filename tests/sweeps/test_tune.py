@@ -12,7 +12,7 @@ from envpred.cli import main as envpred
 from sweeps.arguments import FitArguments
 from sweeps.best import BEST
 from sweeps.tune import main
-from tests.stores import write_store
+from tests.store.stores import write_store
 from tests.sweeps.conftest import SMALL, tuning
 
 
