@@ -23,16 +23,17 @@ from envpred.datamodules.variants import VARIANTS
 from envpred.errors import UserError
 from envpred.report import report
 from envpred.store import Store
-from sweeps import processes, stores
-from sweeps.best import BEST, replace_text
-from sweeps.command import run as command
-from sweeps.estimate import seconds, untrained
-from sweeps.plan import MAIN, SWITCHES, VELOCITIES, make_plan
-from sweeps.runs import Job
+from sweeps.runs import processes
+from sweeps.runs.command import run as command
+from sweeps.runs.job import Job
+from sweeps.runs.trial import TrialFailedError
 from sweeps.shipped import shipped
-from sweeps.storage import told
-from sweeps.summary import SUMMARY, summary
-from sweeps.trial import TrialFailedError
+from sweeps.study.best import BEST, replace_text
+from sweeps.study.storage import told
+from sweeps.table import stores
+from sweeps.table.estimate import seconds, untrained
+from sweeps.table.plan import MAIN, SWITCHES, VELOCITIES, make_plan
+from sweeps.table.summary import SUMMARY, summary
 
 DEFAULT = "configs/model/prednet_small.yaml"
 GRIDS_A_SECOND = 30.0  # frames mapped, with velocities, on one core; for the estimate alone

@@ -26,18 +26,18 @@ from envpred.datamodules import GridDataModule
 from envpred.errors import UserError
 from envpred.results.result import short_name
 from envpred.store import digest
-from sweeps import sampling
 from sweeps.arguments import FitArguments
-from sweeps.best import replace_text, table, write_best
-from sweeps.command import run
-from sweeps.pictures import draw
-from sweeps.sampling import PrunerName, SamplerName
-from sweeps.space import Space, read_space
-from sweeps.spread import on_cluster
-from sweeps.storage import JOURNAL, hidden, open_storage, told
-from sweeps.study import ARGUMENTS, Worker, failed_with, open_study
-from sweeps.trial import Runner, TrialFailedError
-from sweeps.trial import fit as fit_command
+from sweeps.runs.cluster import on_cluster
+from sweeps.runs.command import run
+from sweeps.runs.trial import Runner, TrialFailedError
+from sweeps.runs.trial import fit as fit_command
+from sweeps.study import sampling
+from sweeps.study.best import replace_text, table, write_best
+from sweeps.study.pictures import draw
+from sweeps.study.sampling import PrunerName, SamplerName
+from sweeps.study.space import Space, read_space
+from sweeps.study.storage import JOURNAL, hidden, open_storage, told
+from sweeps.study.worker import ARGUMENTS, Worker, failed_with, open_study
 
 
 def tune(
@@ -61,7 +61,7 @@ def tune(
 
     Args:
         variant: input variant that is tuned for.
-        space: what is searched, a YAML file (see `sweeps.space`).
+        space: what is searched, a YAML file (see `sweeps.study.space`).
         store: folder that `envpred grids` wrote.
         fit: options of `envpred fit` that every trial starts from; by default the space's own configuration.
         trials: complete trials that the study is to hold at its end; pruned and failed ones come on top.

@@ -39,7 +39,7 @@ def train(config: Path, folder: Path) -> None:
 
 
 def command(config: Path, folder: Path) -> list[str]:
-    """In place of `sweeps.trial.fit`."""
+    """In place of `sweeps.runs.trial.fit`."""
     return [sys.executable, __file__, "fit", str(config), str(folder)]
 
 

@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 
 from envpred.errors import UserError
-from sweeps import processes
 from sweeps.ablation import _outcomes, _threads
-from sweeps.plan import Run
-from sweeps.runs import Job
-from sweeps.trial import TrialFailedError
+from sweeps.runs import processes
+from sweeps.runs.job import Job
+from sweeps.runs.trial import TrialFailedError
+from sweeps.table.plan import Run
 
 
 def jobs(folder: Path, *names: str) -> list[Job]:

@@ -5,8 +5,8 @@ import yaml
 
 from envpred.errors import UserError
 from sweeps.arguments import FitArguments, as_options
-from sweeps.command import split_arguments
-from sweeps.trial import as_yaml
+from sweeps.runs.command import split_arguments
+from sweeps.runs.trial import as_yaml
 
 
 def test_a_complete_configuration_spells_every_default_out(fit: FitArguments) -> None:

@@ -10,7 +10,7 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 
 from envpred.cli import main as envpred
 from sweeps.arguments import FitArguments
-from sweeps.best import BEST
+from sweeps.study.best import BEST
 from sweeps.tune import main
 from tests.store.stores import write_store
 from tests.sweeps.conftest import SMALL, tuning

@@ -8,8 +8,8 @@ import optuna
 import pytest
 
 from envpred.errors import UserError
-from sweeps.spread import attempt, on_cluster
-from sweeps.storage import open_storage
+from sweeps.runs.cluster import attempt, on_cluster
+from sweeps.study.storage import open_storage
 from tests.sweeps.conftest import REPOSITORY, SMALL
 
 distributed = pytest.importorskip("distributed")

@@ -10,7 +10,7 @@ import pytest
 from optuna.trial import TrialState
 
 from envpred.errors import UserError
-from sweeps.storage import JOURNAL, hidden, open_storage, told
+from sweeps.study.storage import JOURNAL, hidden, open_storage, told
 from tests.build.test_grids import mount
 
 

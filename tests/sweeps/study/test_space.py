@@ -8,8 +8,8 @@ from optuna.distributions import CategoricalDistribution, FloatDistribution, Int
 
 from envpred.errors import UserError
 from sweeps.arguments import FitArguments
-from sweeps.sampling import sampler
-from sweeps.space import read_space
+from sweeps.study.sampling import sampler
+from sweeps.study.space import read_space
 from tests.sweeps.conftest import REPOSITORY, SPACE
 
 

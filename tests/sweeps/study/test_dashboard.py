@@ -9,7 +9,7 @@ from wsgiref.simple_server import WSGIRequestHandler, make_server
 import optuna
 import pytest
 
-from sweeps.storage import JOURNAL, open_storage
+from sweeps.study.storage import JOURNAL, open_storage
 
 
 class Quiet(WSGIRequestHandler):

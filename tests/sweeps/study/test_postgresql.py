@@ -13,12 +13,12 @@ from typing import Any
 import optuna
 import pytest
 
-from sweeps.best import BEST
-from sweeps.lost import MAX_LOSSES, WORKER, Watch
-from sweeps.processes import identity
-from sweeps.storage import open_storage
+from sweeps.runs.processes import identity
+from sweeps.study.best import BEST
+from sweeps.study.retry import MAX_LOSSES, WORKER, Watch
+from sweeps.study.storage import open_storage
 from tests.sweeps.conftest import tuning
-from tests.sweeps.test_workers import NAME, check_killed_study
+from tests.sweeps.study.test_workers import NAME, check_killed_study
 
 USER = "postgres"  # Debian's package makes it
 

@@ -11,9 +11,9 @@ import optuna
 import pytest
 from optuna.trial import FrozenTrial, TrialState
 
-from sweeps.best import BEST
-from sweeps.lost import RETRY_OF, WORKER
-from sweeps.storage import open_storage
+from sweeps.study.best import BEST
+from sweeps.study.retry import RETRY_OF, WORKER
+from sweeps.study.storage import open_storage
 from tests.build import builds
 from tests.sweeps.conftest import REPOSITORY, tuning
 

@@ -14,7 +14,7 @@ from envpred.errors import UserError
 from envpred.mapping.dogma import DogmaParameters
 from envpred.mapping.particle_state import GROUND, ParticleFilterParameters
 from envpred.store import FORMAT, MAPPING_ARRAYS, DriveWriter, Store
-from sweeps.plan import MAIN
+from sweeps.table.plan import MAIN
 
 Filter = ParticleFilterParameters
 

@@ -10,10 +10,10 @@ from pathlib import Path
 import pytest
 
 from envpred.errors import UserError
-from sweeps import processes
 from sweeps.arguments import FitArguments
-from sweeps.progress import Progress, epochs_of
-from sweeps.trial import CONFIG, LOG, Runner, TrialFailedError, failure, fit, logged_to
+from sweeps.runs import processes
+from sweeps.runs.progress import Progress, epochs_of
+from sweeps.runs.trial import CONFIG, LOG, Runner, TrialFailedError, failure, fit, logged_to
 from tests.build import builds
 from tests.sweeps import stub
 

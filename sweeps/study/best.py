@@ -10,8 +10,8 @@ import optuna
 
 from envpred.results.result import revision
 from sweeps.arguments import FitArguments
-from sweeps.study import ARGUMENTS
-from sweeps.trial import as_yaml
+from sweeps.runs.trial import as_yaml
+from sweeps.study.worker import ARGUMENTS
 
 BEST = "best.yaml"
 
@@ -22,7 +22,7 @@ def write_best(study: optuna.Study, fit: FitArguments, identity: Mapping[str, st
     Args:
         study: with a complete trial.
         fit: what its trials started from.
-        identity: what its trials have in common, see `sweeps.study.open_study`.
+        identity: what its trials have in common, see `sweeps.study.worker.open_study`.
         storage: where it is kept, as a user names it, without a password.
         folder: of the study.
     """

@@ -12,12 +12,12 @@ from envpred.datamodules import GridDataModule
 from envpred.errors import UserError
 from envpred.results.result import RESULT
 from envpred.store import digest
-from sweeps import processes
 from sweeps.arguments import FitArguments
-from sweeps.best import replace_text
-from sweeps.plan import Run
-from sweeps.progress import BEST
-from sweeps.trial import as_yaml, failure, logged_to
+from sweeps.runs import processes
+from sweeps.runs.progress import BEST
+from sweeps.runs.trial import as_yaml, failure, logged_to
+from sweeps.study.best import replace_text
+from sweeps.table.plan import Run
 
 CONFIG, TRAINED, SECONDS = "run.yaml", ".trained", "seconds.json"
 

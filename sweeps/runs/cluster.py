@@ -9,7 +9,7 @@ from typing import Any
 
 from envpred.build.executors import connect
 from envpred.errors import UserError
-from sweeps import processes
+from sweeps.runs import processes
 
 
 def on_cluster(address: str, module: str, options: Mapping[str, Any], fit: list[str]) -> None:

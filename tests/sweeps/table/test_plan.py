@@ -15,9 +15,9 @@ from envpred.mapping.dogma import DogmaParameters
 from envpred.mapping.evidence import EvidenceParameters
 from envpred.mapping.particle_state import GROUND, ParticleFilterParameters
 from envpred.store import Store
-from sweeps import stores
 from sweeps.arguments import FitArguments
-from sweeps.plan import MAIN, SWITCHES, Run, make_plan
+from sweeps.table import stores
+from sweeps.table.plan import MAIN, SWITCHES, Run, make_plan
 from tests.build import builds
 from tests.drives.synthetic import write_drive
 from tests.store.stores import write_store

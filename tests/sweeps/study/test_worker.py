@@ -9,12 +9,12 @@ from optuna.storages import BaseStorage
 from optuna.trial import TrialState
 
 from envpred.errors import UserError
-from sweeps.lost import MAX_LOSSES, REASON, RETRY_OF, WORKER, Pulse, Watch
-from sweeps.processes import identity
-from sweeps.sampling import pruner, sampler
-from sweeps.storage import open_storage
-from sweeps.study import ARGUMENTS, OUT_OF_MEMORY, Worker, check_identity, failed_with, open_study
-from sweeps.trial import TrialFailedError
+from sweeps.runs.processes import identity
+from sweeps.runs.trial import TrialFailedError
+from sweeps.study.retry import MAX_LOSSES, REASON, RETRY_OF, WORKER, Pulse, Watch
+from sweeps.study.sampling import pruner, sampler
+from sweeps.study.storage import open_storage
+from sweeps.study.worker import ARGUMENTS, OUT_OF_MEMORY, Worker, check_identity, failed_with, open_study
 
 SAME = {"space": "a", "data": "b"}
 Rung = Callable[[int, float], None]

@@ -8,7 +8,7 @@ from typing import Any
 from envpred.datamodules.variants import VARIANTS
 from envpred.errors import UserError
 from sweeps.arguments import FitArguments, as_options
-from sweeps.space import FIXED
+from sweeps.study.space import FIXED
 
 MAIN = "main"  # the store that the user gave
 STATIC, DYNAMIC = "dst_static", "dst_dogma"

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from envpred.report.runs import read_run
-from sweeps.plan import SWITCHES
-from sweeps.runs import SECONDS, Job
+from sweeps.runs.job import SECONDS, Job
+from sweeps.table.plan import SWITCHES
 
 SUMMARY = "sweep.md"
 SHOWN_S = (0.5, 1.0, 1.5)

@@ -277,4 +277,4 @@ def _number(value: Any, kind: type[Any]) -> Any:
 
 
 def _ours() -> str:
-    return ", ".join(str(file) for file in sorted((Path(__file__).parent / "spaces").glob("*.yaml")))
+    return ", ".join(str(file) for file in sorted((Path(__file__).parents[1] / "spaces").glob("*.yaml")))

@@ -14,14 +14,16 @@ from optuna.study import StudyDirection
 from optuna.trial import FrozenTrial, TrialState
 
 from envpred.errors import UserError
-from sweeps.lost import REASON, RETRY_OF, Pulse, Watch, give_up
-from sweeps.trial import TrialFailedError
+from sweeps.runs.trial import TrialFailedError
+from sweeps.study.retry import REASON, RETRY_OF, Pulse, Watch, give_up
 
 IDENTITY = "identity"
 ARGUMENTS, OUT_OF_MEMORY = "arguments", "out_of_memory"
 WAIT_SECONDS = 1.0
 
-Hooks = tuple[Callable[[int, float], None], Callable[[], None]]  # on_rung and on_poll, see `sweeps.trial.Runner.run`
+Hooks = tuple[
+    Callable[[int, float], None], Callable[[], None]
+]  # on_rung and on_poll, see `sweeps.runs.trial.Runner.run`
 Objective = Callable[[optuna.Trial, *Hooks], float]
 
 

@@ -11,8 +11,8 @@ from typing import Any
 import yaml
 
 from envpred.errors import UserError
-from sweeps import processes
-from sweeps.progress import Progress, epochs_of
+from sweeps.runs import processes
+from sweeps.runs.progress import Progress, epochs_of
 
 CONFIG, LOG = "trial.yaml", "fit.log"
 POLL_SECONDS = 0.25
