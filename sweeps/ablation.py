@@ -18,6 +18,7 @@ from pathlib import Path
 
 import torch
 
+from envpred.cli.shipped import shipped
 from envpred.datamodules import GridDataModule
 from envpred.datamodules.variants import VARIANTS
 from envpred.errors import UserError
@@ -27,7 +28,6 @@ from sweeps.runs import processes
 from sweeps.runs.command import run as command
 from sweeps.runs.job import Job
 from sweeps.runs.trial import TrialFailedError
-from sweeps.shipped import shipped
 from sweeps.study.best import BEST, replace_text
 from sweeps.study.storage import told
 from sweeps.table import stores

@@ -22,11 +22,11 @@ from typing import Any
 import optuna
 from torch.utils.tensorboard import SummaryWriter
 
+from envpred.cli.arguments import FitArguments
 from envpred.datamodules import GridDataModule
 from envpred.errors import UserError
 from envpred.results.result import short_name
 from envpred.store import digest
-from sweeps.arguments import FitArguments
 from sweeps.runs.cluster import on_cluster
 from sweeps.runs.command import run
 from sweeps.runs.trial import Runner, TrialFailedError

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from envpred.cli.arguments import FitArguments
 from envpred.datamodules import GridDataModule
 from envpred.errors import UserError
 from envpred.results.result import RESULT
 from envpred.store import digest
-from sweeps.arguments import FitArguments
 from sweeps.runs import processes
 from sweeps.runs.progress import BEST
 from sweeps.runs.trial import as_yaml, failure, logged_to

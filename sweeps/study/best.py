@@ -8,8 +8,8 @@ from typing import Any
 
 import optuna
 
+from envpred.cli.arguments import FitArguments
 from envpred.results.result import revision
-from sweeps.arguments import FitArguments
 from sweeps.runs.trial import as_yaml
 from sweeps.study.worker import ARGUMENTS
 

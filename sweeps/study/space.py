@@ -28,10 +28,10 @@ from optuna.distributions import (
     check_distribution_compatibility,
 )
 
+from envpred.cli.arguments import FitArguments
+from envpred.cli.shipped import shipped
 from envpred.errors import UserError
 from envpred.store import digest
-from sweeps.arguments import FitArguments
-from sweeps.shipped import shipped
 
 CONFIG = "config"
 KEYS = ("type", "low", "high", "log", "step", "choices", "list", "when")

@@ -5,9 +5,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from envpred.cli.arguments import FitArguments, as_options
 from envpred.datamodules.variants import VARIANTS
 from envpred.errors import UserError
-from sweeps.arguments import FitArguments, as_options
 from sweeps.study.space import FIXED
 
 MAIN = "main"  # the store that the user gave

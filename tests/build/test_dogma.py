@@ -21,7 +21,7 @@ def store(tmp_path: Path) -> Path:
 
 
 def test_the_configuration_for_ground_velocities_has_the_numbers_of_the_code() -> None:
-    file = Path(__file__).parent.parent / "configs" / "grids" / "ground_velocity.yaml"
+    file = Path(__file__).parents[2] / "configs" / "grids" / "ground_velocity.yaml"
     given = yaml.safe_load(file.read_text())
     assert given["dogma"] is True
     assert ParticleFilterParameters(**given["particles"]["filter"]) == GROUND

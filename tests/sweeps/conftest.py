@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 import torch
 
-from sweeps.arguments import FitArguments
+from envpred.cli.arguments import FitArguments
 from tests.store.stores import write_store
 from tests.sweeps import stub
 

@@ -9,7 +9,7 @@ from PIL import Image
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from envpred.cli import main as envpred
-from sweeps.arguments import FitArguments
+from envpred.cli.arguments import FitArguments
 from sweeps.study.best import BEST
 from sweeps.tune import main
 from tests.store.stores import write_store

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from envpred.cli.arguments import FitArguments
 from envpred.errors import UserError
-from sweeps.arguments import FitArguments
 from sweeps.runs import processes
 from sweeps.runs.progress import Progress, epochs_of
 from sweeps.runs.trial import CONFIG, LOG, Runner, TrialFailedError, failure, fit, logged_to

@@ -6,8 +6,8 @@ import optuna
 import pytest
 from optuna.distributions import CategoricalDistribution, FloatDistribution, IntDistribution
 
+from envpred.cli.arguments import FitArguments
 from envpred.errors import UserError
-from sweeps.arguments import FitArguments
 from sweeps.study.sampling import sampler
 from sweeps.study.space import read_space
 from tests.sweeps.conftest import REPOSITORY, SPACE

@@ -9,13 +9,13 @@ import yaml
 
 from envpred.build.dogma import build_dogma
 from envpred.build.grids import MappingParameters
+from envpred.cli.arguments import FitArguments
 from envpred.datamodules.variants import VARIANTS
 from envpred.errors import UserError
 from envpred.mapping.dogma import DogmaParameters
 from envpred.mapping.evidence import EvidenceParameters
 from envpred.mapping.particle_state import GROUND, ParticleFilterParameters
 from envpred.store import Store
-from sweeps.arguments import FitArguments
 from sweeps.table import stores
 from sweeps.table.plan import MAIN, SWITCHES, Run, make_plan
 from tests.build import builds

@@ -3,8 +3,8 @@
 import pytest
 import yaml
 
+from envpred.cli.arguments import FitArguments, as_options
 from envpred.errors import UserError
-from sweeps.arguments import FitArguments, as_options
 from sweeps.runs.command import split_arguments
 from sweeps.runs.trial import as_yaml
 
