@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from envpred import build as building
+from envpred.build import grids as building
 from envpred.build.grids import MappingParameters, build
 from envpred.drives import find_drives
 from envpred.drives.drive import Drive
