@@ -60,7 +60,7 @@ def write_sparse_store(folder: Path, drives: int = DRIVES, frames: int = FRAMES,
             "format": FORMAT,
             "drive": drive.name,
             "frames": list(range(frames)),
-            "runs": [(0, frames)],
+            "stretches": [(0, frames)],
             "lattice": {"origin": [0.0, 0.0], "resolution": 1 / 3, "cells": cells},
             "groups": {"mapping": key},
             "arrays": entries,
@@ -114,7 +114,7 @@ def main() -> None:
             write_sparse_store(Path(folder) / "grids")
         imported = peak_memory()
         data, seconds = started(options.store or Path(folder) / "grids")
-        frames = sum(stretch.stop - stretch.start for part in data.stretches.values() for stretch in part)
+        frames = sum(s.stop - s.start for part in data.selected.values() for s in part)
         print(f"frames {frames}, training windows {len(data.datasets['train'])}")
         print(f"ready after {seconds:.2f} s (promised: below {START_PROMISE:.0f})")
         window = draw(data)

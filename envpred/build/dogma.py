@@ -109,7 +109,7 @@ def _write(
         velocity = out.add("velocity", np.float16, (T, 2, H, H))
         covariance = out.add("velocity_cov", np.float16, (T, 3, H, H))
         ahead = out.add("particle_forecast", np.uint8, (T, HORIZONS, H, H)) if with_forecast else None
-        for first, length in drive.runs:  # like evidence, the filter starts anew after a gap
+        for first, length in drive.stretches:  # like evidence, the filter starts anew after a gap
 
             def measured(t: int) -> NDArray[np.float32]:
                 return evidence.measured(np.array(drive.array("label")[t]), measures)

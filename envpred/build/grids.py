@@ -134,17 +134,17 @@ def map_drive(
 
     Evidence starts anew after a gap in the frames: what lies between is not known.
     """
-    spec, frames, runs = parameters.grid, drive.frames, drive.runs()
+    spec, frames, stretches = parameters.grid, drive.frames, drive.stretches()
     poses = drive.poses
     sensor_to_body = PAPER_SENSOR_OFFSET if parameters.sensor == "paper" else drive.sensor_to_body()
     origin = spec.lattice_origin(poses[:, :3, 3])
     centre_cell = spec.cell_of(poses[:, :3, 3], origin)
-    starts = {first for first, _ in runs}
+    starts = {first for first, _ in stretches}
     T, H = len(frames), spec.cells
     about = {
         "drive": drive.name,
         "frames": frames,
-        "runs": runs,
+        "stretches": stretches,
         "lattice": {"origin": origin.tolist(), "resolution": spec.resolution, "cells": spec.cells},
         "source": {"drive": drive.name, "frames": T},
     }

@@ -8,7 +8,7 @@ from lightning.pytorch import LightningDataModule
 from lightning.pytorch.utilities import rank_zero_info
 from torch.utils.data import DataLoader
 
-from envpred.datamodules.selection import Split, Stretch, preset, select
+from envpred.datamodules.selection import Selection, Split, preset, select
 from envpred.datamodules.variants import variant as variant_of
 from envpred.datamodules.windows import (
     Place,
@@ -75,18 +75,18 @@ class GridDataModule(LightningDataModule):
         if min(samples, val_windows, batch_size) < 1:
             raise UserError("--data.samples, --data.val_windows and --data.batch_size must be at least 1")
         self.store, self.variant, self.split = Path(store), variant, split
-        self.selections = {"train": train, "val": val, "test": test}
+        self.asked = {"train": train, "val": val, "test": test}
         self.length, self.given, self.samples, self.val_windows = length, given, samples, val_windows
         self.batch_size, self.augment, self.num_workers, self.seed = batch_size, augment, num_workers, seed
         self.predict, self.crop = predict, crop
         self.view = variant_of(variant)
-        self.stretches: dict[str, list[Stretch]] = {}
+        self.selected: dict[str, list[Selection]] = {}
         self.datasets: dict[str, WindowDataset] = {}
 
     def setup(self, stage: str) -> None:
         """Find the windows that a stage needs; refuse what does not fit before anything runs."""
-        if not self.stretches:
-            self.stretches = self._split(self._usable_drives())
+        if not self.selected:
+            self.selected = self._split(self._usable_drives())
         if stage == "fit" and self.crop is not None and not 1 <= self.crop <= self.cells:
             raise UserError(f"--data.crop {self.crop}: the grids have {self.cells} cells a side; give at most so many")
         needed = {"fit": ("train", "val"), "validate": ("val",), "test": ("test",), "predict": ("predict",)}[stage]
@@ -97,7 +97,7 @@ class GridDataModule(LightningDataModule):
                 self.datasets[part] = WindowDataset(
                     self._places(part, extra), self.view, self._frames(part), self.given, extra, crop
                 )
-                names = [str(stretch) for stretch in self._stretches(part)]
+                names = [str(selection) for selection in self._selected(part)]
                 drives = ", ".join(names) if len(names) <= 8 else f"{len(names)} drives, {names[0]} to {names[-1]}"
                 rank_zero_info(f"{part}: {len(self.datasets[part])} windows of {drives}")
 
@@ -129,7 +129,7 @@ class GridDataModule(LightningDataModule):
     @property
     def cells(self) -> int:
         """Cells along a side of the grids."""
-        drives = [stretch.drive for stretches in self.stretches.values() for stretch in stretches]
+        drives = [selection.drive for selections in self.selected.values() for selection in selections]
         return int(drives[0].manifest["lattice"]["cells"])
 
     def describe(self, part: str) -> dict[str, Any]:
@@ -143,9 +143,9 @@ class GridDataModule(LightningDataModule):
             "store_hash": self._hash(part, ["evidence"]),
             "input_hash": self._hash(part, beside) if beside else None,
             "variant": self.variant,
-            "split": "custom" if any(self.selections.values()) else self.split,
+            "split": "custom" if any(self.asked.values()) else self.split,
             "part": part,
-            "drives": [str(stretch) for stretch in self._stretches(part)],
+            "drives": [str(selection) for selection in self._selected(part)],
             "window_rule": self._window_rule(part),
             "length": self.length,
             "given": self.given,
@@ -154,12 +154,12 @@ class GridDataModule(LightningDataModule):
 
     def _hash(self, part: str, arrays: list[str]) -> str:
         """A hash of some stored arrays of the drives of `part`."""
-        entries = {stretch.drive.name: stretch.drive.manifest["arrays"] for stretch in self._stretches(part)}
+        entries = {selection.drive.name: selection.drive.manifest["arrays"] for selection in self._selected(part)}
         return digest({drive: [entry[name]["checksum"] for name in arrays] for drive, entry in entries.items()})
 
-    def _stretches(self, part: str) -> list[Stretch]:
-        """The stretches of `part`; what is predicted lies in those that test."""
-        return self.stretches["test" if part == "predict" else part]
+    def _selected(self, part: str) -> list[Selection]:
+        """What `part` takes of the drives; what is predicted lies in those that test."""
+        return self.selected["test" if part == "predict" else part]
 
     def _frames(self, part: str) -> int:
         """Frames in a window of `part`: where no targets are needed, those shown."""
@@ -169,7 +169,7 @@ class GridDataModule(LightningDataModule):
         if self._frames(part) < self.length:
             which = "newest of each drive" if self.predict == "newest" else "every start, overlapping"
             return f"windows of {self.given} frames shown, {which}"
-        return f"windows of {self.length} frames in order from the start of every run, no overlap"
+        return f"windows of {self.length} frames in order from the start of every stretch, no overlap"
 
     def _epoch(self) -> int:
         return self.trainer.current_epoch if self.trainer is not None else 0
@@ -199,9 +199,9 @@ class GridDataModule(LightningDataModule):
             )
         return drives
 
-    def _split(self, drives: dict[str, StoredDrive]) -> dict[str, list[Stretch]]:
-        asked = {part: select(items, drives) for part, items in self.selections.items() if items}
-        if self.split == "custom" or len(asked) == len(self.selections):
+    def _split(self, drives: dict[str, StoredDrive]) -> dict[str, list[Selection]]:
+        asked = {part: select(items, drives) for part, items in self.asked.items() if items}
+        if self.split == "custom" or len(asked) == len(self.asked):
             base = Split([], [], [])
         else:
             base = preset(self.split, drives)
@@ -213,22 +213,22 @@ class GridDataModule(LightningDataModule):
         return getattr(forecaster, "extra", None)
 
     def _places(self, part: str, extra: str | None = None) -> list[Place]:
-        stretches, length = self._stretches(part), self._frames(part)
+        selections, length = self._selected(part), self._frames(part)
         argument = f"--data.{'test' if part == 'predict' else part}"
-        if not stretches:
+        if not selections:
             raise UserError(f"the split {self.split!r} leaves no drive to {part}; name some with {argument}")
-        for stretch in stretches:
+        for selection in selections:
             for name in (*self.view.arrays, *([extra] if extra else [])):
-                stretch.drive.array(name)  # an error here names the command that makes it
+                selection.drive.array(name)  # an error here names the command that makes it
         if part == "train" or length < self.length:
-            places = every_window(stretches, length)
+            places = every_window(selections, length)
         else:
-            places = windows_in_order(stretches, length)
+            places = windows_in_order(selections, length)
         if not places:
-            longest = max((n for s in stretches for _, n in s.runs()), default=0)
+            longest = max((n for s in selections for _, n in s.stretches()), default=0)
             smaller = "--data.length" if length == self.length else "--data.given"
             raise UserError(
-                f"no window of {length} frames fits into {', '.join(map(str, stretches))}, whose longest stretch "
+                f"no window of {length} frames fits into {', '.join(map(str, selections))}, whose longest stretch "
                 f"without a gap has {longest}; give a smaller {smaller} or other drives as {argument}"
             )
         if part == "predict" and self.predict == "newest":

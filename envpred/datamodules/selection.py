@@ -15,7 +15,7 @@ PAPER_TEST = ("2011_09_26_drive_0091_sync", "2011_09_26_drive_0015_sync")
 
 
 @dataclass(frozen=True)
-class Stretch:
+class Selection:
     """Frames `start` to `stop` - 1 (positions, not frame numbers) of a stored drive."""
 
     drive: StoredDrive
@@ -26,10 +26,10 @@ class Stretch:
         whole = self.start == 0 and self.stop == len(self.drive.frames)
         return self.drive.name if whole else f"{self.drive.name}@{self.start}-{self.stop}"
 
-    def runs(self) -> list[tuple[int, int]]:
+    def stretches(self) -> list[tuple[int, int]]:
         """Stretches without a gap inside this one, as (first, length)."""
         inside = []
-        for first, length in self.drive.runs:
+        for first, length in self.drive.stretches:
             a, b = max(first, self.start), min(first + length, self.stop)
             if a < b:
                 inside.append((a, b - a))
@@ -40,12 +40,12 @@ class Stretch:
 class Split:
     """What trains, validates and tests."""
 
-    train: list[Stretch]
-    val: list[Stretch]
-    test: list[Stretch]
+    train: list[Selection]
+    val: list[Selection]
+    test: list[Selection]
 
 
-def select(items: list[str], drives: dict[str, StoredDrive]) -> list[Stretch]:
+def select(items: list[str], drives: dict[str, StoredDrive]) -> list[Selection]:
     """The stretches that `items` name.
 
     Raises:
@@ -65,7 +65,7 @@ def select(items: list[str], drives: dict[str, StoredDrive]) -> list[Stretch]:
             valid = False
         if not valid:
             raise UserError(f"{item}: give drive@start-stop with 0 <= start < stop <= {frames}, its number of frames")
-        chosen.append(Stretch(drives[name], start, stop))
+        chosen.append(Selection(drives[name], start, stop))
     return chosen
 
 

@@ -11,7 +11,7 @@ from torch import Tensor
 from torch.utils.data import Dataset, Sampler
 
 from envpred.datamodules import symmetry as turning
-from envpred.datamodules.selection import Stretch
+from envpred.datamodules.selection import Selection
 from envpred.datamodules.variants import Variant
 from envpred.mapping.evidence import pignistic
 from envpred.mapping.geometry import heading_of
@@ -128,14 +128,16 @@ def _in_float32(grids: NDArray[Any]) -> NDArray[np.float32]:
     return np.asarray(torch.from_numpy(grids).float().numpy(), np.float32)
 
 
-def every_window(stretches: list[Stretch], length: int) -> list[Place]:
+def every_window(selections: list[Selection], length: int) -> list[Place]:
     """All windows of `length` frames without a gap, one a start."""
-    return [Place(s.drive, a + k) for s in stretches for a, n in s.runs() for k in range(n - length + 1)]
+    return [Place(s.drive, a + k) for s in selections for a, n in s.stretches() for k in range(n - length + 1)]
 
 
-def windows_in_order(stretches: list[Stretch], length: int) -> list[Place]:
-    """Windows that follow each other without overlap from the start of every run, so that a frame counts once."""
-    return [Place(s.drive, a + k) for s in stretches for a, n in s.runs() for k in range(0, n - length + 1, length)]
+def windows_in_order(selections: list[Selection], length: int) -> list[Place]:
+    """Windows that follow each other without overlap from the start of every stretch, so that a frame counts once."""
+    return [
+        Place(s.drive, a + k) for s in selections for a, n in s.stretches() for k in range(0, n - length + 1, length)
+    ]
 
 
 class RandomWindows(Sampler[Draw]):

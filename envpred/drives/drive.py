@@ -60,7 +60,7 @@ class Drive(ABC):
         """Poses (T, 4, 4) of all `frames`."""
         return np.stack([self.pose(k) for k in self.frames])
 
-    def runs(self) -> list[tuple[int, int]]:
+    def stretches(self) -> list[tuple[int, int]]:
         """Stretches without a gap, as (first, length) in positions of `frames`."""
         breaks = np.flatnonzero(np.diff(self.frames) != 1) + 1
         edges = [0, *breaks.tolist(), len(self.frames)]

@@ -33,7 +33,7 @@ def window_entry(drive: StoredDrive, start: int, given: int, horizons: int) -> d
     `targets` counts the frames after it that the drive has without a gap, at most `horizons`.
     """
     last = start + given - 1
-    end = next(first + length for first, length in drive.runs if first <= last < first + length)
+    end = next(first + length for first, length in drive.stretches if first <= last < first + length)
     targets = min(horizons, end - last - 1)
     pose, centre_cell = np.array(drive.array("pose")[last]), drive.array("centre_cell")
     return {

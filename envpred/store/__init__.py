@@ -1,7 +1,7 @@
 """Grids on disk: a folder a drive, plain `.npy` files, and a manifest that is written last.
 
     store/store.json                 format, and for each group of arrays its parameters and their hash
-    store/<drive>/manifest.json      frames, runs, lattice, group -> hash, array -> file, dtype, shape, checksum, group
+    store/<drive>/manifest.json      frames, stretches, lattice, group -> hash, array -> file, dtype, shape, ...
     store/<drive>/<array>.npy        (<array>.1.npy after the array was built again: the manifest knows)
 
 A group is what one step makes with one set of parameters: `mapping` the label grids and evidence, `dogma` the

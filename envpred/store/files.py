@@ -8,7 +8,7 @@ from typing import Any
 
 from envpred.errors import UserError
 
-FORMAT = 1
+FORMAT = 2
 MANIFEST = "manifest.json"
 
 

@@ -117,9 +117,9 @@ class StoredDrive:
         return cast(list[int], self.manifest["frames"])
 
     @property
-    def runs(self) -> list[tuple[int, int]]:
+    def stretches(self) -> list[tuple[int, int]]:
         """Stretches without a gap as (first, length), in positions along the arrays."""
-        return [(first, length) for first, length in self.manifest["runs"]]
+        return [(first, length) for first, length in self.manifest["stretches"]]
 
     @property
     def origin(self) -> NDArray[np.float64]:

@@ -69,12 +69,12 @@ def test_store_holds_what_the_mapping_makes(source: Path, built: Path) -> None:
     for drive in find_drives(source):
         stored, spec = Store(built).drives[drive.name], GridSpec()
         assert stored.frames == drive.frames
-        assert stored.runs == drive.runs()
+        assert stored.stretches == drive.stretches()
         labels, centre_cell = stored.array("label"), stored.array("centre_cell")
         np.testing.assert_array_equal(stored.array("pose"), drive.poses)
         np.testing.assert_array_equal(centre_cell, spec.cell_of(drive.poses[:, :3, 3], stored.origin))
         assert set(np.unique(labels)) == {0, 1, 2, 3}
-        for first, length in stored.runs:  # evidence starts anew after a gap
+        for first, length in stored.stretches:  # evidence starts anew after a gap
             cut = slice(first, first + length)
             expected = evidence.accumulate(labels[cut], centre_cell[cut])
             np.testing.assert_allclose(stored.array("evidence")[cut], expected, atol=1e-3)
@@ -83,7 +83,7 @@ def test_store_holds_what_the_mapping_makes(source: Path, built: Path) -> None:
 def test_gap_is_a_gap(built: Path) -> None:
     drive = Store(built).drives[NAMES[1]]
     assert drive.frames == [0, 1, 2, 3, 5, 6, 7, 8]
-    assert drive.runs == [(0, 4), (4, 4)]
+    assert drive.stretches == [(0, 4), (4, 4)]
     np.testing.assert_allclose(drive.array("time"), 0.1 * np.array(drive.frames), atol=1e-5)
 
 

@@ -122,7 +122,7 @@ def test_a_crop_that_does_not_fit_is_refused(store: Path, crop: int) -> None:
 def test_validation_windows_are_spread_over_the_drives(store: Path) -> None:
     module = data(store, train=["a"], val=["a", "b", "c"], val_windows=3)
     module.setup("fit")
-    places = windows_in_order(module.stretches["val"], LENGTH)
+    places = windows_in_order(module.selected["val"], LENGTH)
     chosen = module.datasets["val"].places
     assert [chosen[0], chosen[-1]] == [places[0], places[-1]]
     assert len(chosen) == 3

@@ -29,5 +29,5 @@ def test_memory_of_many_frames(tmp_path: Path) -> None:
     assert peak - before < 0.15
     data = GridDataModule(tmp_path / "grids")
     data.setup("fit")
-    assert sum(stretch.stop - stretch.start for part in data.stretches.values() for stretch in part) == DRIVES * FRAMES
-    assert len(data.datasets["train"]) == len(data.stretches["train"]) * (FRAMES - 19)
+    assert sum(s.stop - s.start for part in data.selected.values() for s in part) == DRIVES * FRAMES
+    assert len(data.datasets["train"]) == len(data.selected["train"]) * (FRAMES - 19)

@@ -58,4 +58,4 @@ def test_ranges(tmp_path: Path) -> None:
 def test_runs_are_cut_to_the_range(tmp_path: Path) -> None:
     folder = write_store(tmp_path / "grids", {"a": [0, 1, 2, 3, 10, 11, 12]}, cells=8)
     (stretch,) = select(["a@2-6"], Store(folder).drives)
-    assert stretch.runs() == [(2, 2), (4, 2)]
+    assert stretch.stretches() == [(2, 2), (4, 2)]

@@ -31,7 +31,7 @@ def test_a_drive_is_found_at_its_folder_its_day_and_their_root(whole: Path) -> N
         drive = only(root)
         assert drive.name == "2011_09_26_drive_0001_sync"
         assert drive.frames == list(range(12))
-        assert drive.runs() == [(0, 12)]
+        assert drive.stretches() == [(0, 12)]
 
 
 def test_drives_of_several_days_come_sorted_by_name(tmp_path: Path) -> None:
@@ -77,7 +77,7 @@ def test_scans_and_packets_are_paired_by_name(tmp_path: Path) -> None:
     folder = write_drive(tmp_path, frames=12, missing_scans={3, 4}, missing_packets={8})
     drive = only(folder)
     assert drive.frames == [0, 1, 2, 5, 6, 7, 9, 10, 11]
-    assert drive.runs() == [(0, 3), (3, 3), (6, 3)]
+    assert drive.stretches() == [(0, 3), (3, 3), (6, 3)]
     expected = motion(12)
     for k in drive.frames:
         assert drive.pose(k) == pytest.approx(expected[k], abs=1e-6)

@@ -77,7 +77,7 @@ def test_a_missing_scan_leaves_a_gap(sequence: Path) -> None:
     (sequence / "times.txt").unlink()
     [drive] = find_drives(sequence)
     assert drive.frames == [0, 2, 3]
-    assert drive.runs() == [(0, 1), (1, 2)]
+    assert drive.stretches() == [(0, 1), (1, 2)]
     assert [drive.time(k) for k in drive.frames] == pytest.approx([0, 0.2, 0.3])
 
 

@@ -42,7 +42,7 @@ def write_store(
         about = {
             "drive": name,
             "frames": frames,
-            "runs": [(a, b - a) for a, b in itertools.pairwise(breaks)],
+            "stretches": [(a, b - a) for a, b in itertools.pairwise(breaks)],
             "lattice": {"origin": [0.0, 0.0], "resolution": 1 / 3, "cells": cells},
             "source": {"drive": name, "frames": T},
         }

@@ -78,7 +78,7 @@ def test_round_trip(store: Path) -> None:
     np.testing.assert_array_equal(drive.array("time"), np.arange(5.0))
     assert drive.array("label").dtype == np.uint8
     assert drive.frames == [3, 4, 5, 8, 9]
-    assert drive.runs == [(0, 3), (3, 2)]
+    assert drive.stretches == [(0, 3), (3, 2)]
     np.testing.assert_array_equal(drive.origin, [1.5, -2.0])
     assert drive.has("label")
     assert not drive.has("velocity")
