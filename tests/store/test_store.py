@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from envpred.cli.commands import verify
 from envpred.errors import UserError
-from envpred.store import MANIFEST, DriveWriter, Store, StoredDrive, digest, sweep
+from envpred.store import FORMAT, MANIFEST, DriveWriter, Store, StoredDrive, digest, sweep
 
 PARAMETERS = {"grid": {"cells": 8, "resolution": 1 / 3}, "sensor": "calibration"}
 FRAMES = 5
@@ -35,7 +35,7 @@ def write(
     about = {
         "drive": drive,
         "frames": [3, 4, 5, 8, 9],
-        "runs": [(0, 3), (3, 2)],
+        "stretches": [(0, 3), (3, 2)],
         "lattice": {"origin": [1.5, -2.0], "resolution": 1 / 3, "cells": 8},
     }
     with DriveWriter(store, drive, group, key, about) as out:
@@ -302,7 +302,7 @@ def test_damaged_manifest_is_named(store: Path, content: str) -> None:
 def test_other_format_is_refused(store: Path, file: str) -> None:
     content = json.loads((store / file).read_text())
     (store / file).write_text(json.dumps({**content, "format": 99}))
-    with pytest.raises(UserError, match=rf"{file}: format 99 is not 1"):
+    with pytest.raises(UserError, match=rf"{file}: format 99 is not {FORMAT}"):
         _ = Store(store).drives["a"].manifest
 
 

@@ -105,7 +105,7 @@ def test_an_ended_trial_leaves_no_process(fit: FitArguments, tmp_path: Path) -> 
 
 def test_a_child_dies_with_its_parent(tmp_path: Path) -> None:
     """Also by SIGKILL, where the parent cannot say anything."""
-    text = "import os, sys; from sweeps import processes\n"
+    text = "import os, sys; from sweeps.runs import processes\n"
     text += "child = processes.start(['sleep', '60'], open(os.devnull, 'wb'))\n"
     text += "print(child.pid, flush=True); child.wait()"
     read, write = os.pipe()
