@@ -12,18 +12,14 @@ PACKAGE = Path(envpred.__file__).parent
 # What each room may import of ours.
 ALLOWED = {
     "mapping": {
-        "mapping.geometry",
-        "mapping.matching",
-        "mapping.particles",
-        "mapping.particle_state",
-        "mapping.particle_forecast",
+        "mapping",
         "errors",
     },
     "networks": {"networks", "errors"},
     "metrics": {"metrics"},
-    "drives": {"drives", "mapping.geometry", "errors"},
+    "drives": {"drives", "mapping.geometry", "mapping.period", "errors"},
     "simulate": {"simulate", "drives", "mapping", "build", "store", "pictures", "errors"},
-    "store": {"store", "errors", "__version__"},
+    "store": {"store", "mapping.geometry", "errors", "__version__"},
     "datamodules": {"datamodules", "store", "mapping", "errors"},
     "horizons": set(),
     "pictures": {

@@ -16,12 +16,11 @@ from tqdm import tqdm
 
 from envpred.build.executors import D, Job, in_processes, on_cluster
 from envpred.drives import Drive, find_drives
-from envpred.drives.drive import PAPER_SENSOR_OFFSET
 from envpred.errors import UserError
 from envpred.interrupts import ends_at_once
 from envpred.mapping import evidence
 from envpred.mapping.evidence import EvidenceParameters
-from envpred.mapping.geometry import GridSpec
+from envpred.mapping.geometry import PAPER_SENSOR_OFFSET, GridSpec
 from envpred.mapping.ground import GroundSegmenter, MarkovRandomField
 from envpred.mapping.label_grid import RayCasting
 from envpred.store import DriveWriter, Store, sweep
@@ -145,13 +144,16 @@ def map_drive(
         "drive": drive.name,
         "frames": frames,
         "stretches": stretches,
-        "lattice": {"origin": origin.tolist(), "resolution": spec.resolution, "cells": spec.cells},
         "source": {"drive": drive.name, "frames": T},
+        "lattice": {"origin": origin.tolist(), "resolution": spec.resolution, "cells": spec.cells, "context": None},
+        "period": drive.period,
+        "sensor": sensor_to_body.tolist(),
+        "body": asdict(drive.body),
     }
     with DriveWriter(store, drive.name, "mapping", key, about) as out:
         labels = out.add("label", np.uint8, (T, H, H))
         masses = out.add("evidence", np.float16, (T, 2, H, H))
-        times = np.array([drive.time(k) for k in frames])
+        times = drive.times
         for name, values in (("centre_cell", centre_cell), ("pose", poses), ("time", times)):
             out.add(name, values.dtype, values.shape).extend(values)
         mass = np.zeros((2, H, H), np.float32)

@@ -12,19 +12,25 @@ from numpy.typing import NDArray
 
 import envpred.drives
 from envpred.errors import UserError
-from envpred.mapping.geometry import FloatArray
-
-# Sensor to IMU as the paper's reference code takes it: no rotation, metres.
-PAPER_SENSOR_OFFSET = np.array([[1, 0, 0, 0.81], [0, 1, 0, -0.32], [0, 0, 1, 0.80], [0, 0, 0, 1]], np.float64)
+from envpred.mapping.geometry import PAPER_BODY, PAPER_SENSOR_HEIGHT, PAPER_SENSOR_OFFSET, Body, FloatArray
+from envpred.mapping.period import is_gap, nominal
 
 
 class Drive(ABC):
     """A LiDAR recording: `frames` are the frame numbers that have both a scan and a pose, in order.
 
     The world's axes are east, north and up, in metres; a pose takes the body (IMU) frame, x forward and y left, to it.
+    Car and sensor are KITTI's unless a reader says otherwise.
+
+    Attributes:
+        name: of the drive, and of its folder in a store.
+        body: the ego vehicle's body in the sensor frame, in metres.
+        sensor_height: height of the sensor above the road, in metres.
     """
 
     name: str
+    body: Body = PAPER_BODY
+    sensor_height: float = PAPER_SENSOR_HEIGHT
 
     @property
     @abstractmethod
@@ -47,9 +53,9 @@ class Drive(ABC):
     def time(self, k: int) -> float:
         """Time of frame `k` in seconds since the drive's first frame."""
 
-    @abstractmethod
     def sensor_to_body(self) -> FloatArray:
         """Rigid transform (4, 4) from the sensor frame to the body frame."""
+        return PAPER_SENSOR_OFFSET
 
     def image(self, k: int) -> Path | None:
         """Path of the camera picture of frame `k`, if the drive has one."""
@@ -60,9 +66,37 @@ class Drive(ABC):
         """Poses (T, 4, 4) of all `frames`."""
         return np.stack([self.pose(k) for k in self.frames])
 
+    @cached_property
+    def times(self) -> FloatArray:
+        """Times (T,) of all `frames` in seconds.
+
+        Raises:
+            UserError: if they do not increase.
+        """
+        times = np.array([self.time(k) for k in self.frames], np.float64)
+        back = np.flatnonzero(np.diff(times) <= 0)
+        if len(back):
+            a, b = self.frames[back[0]], self.frames[back[0] + 1]
+            raise UserError(f"{self.name}: frame {b} has no later time than frame {a}; mend the drive's time stamps")
+        return times
+
+    @cached_property
+    def period(self) -> float:
+        """Nominal time between frames in seconds, from their stamps; KITTI's 0.1035 s are 10 Hz."""
+        return nominal(np.diff(self.times)[np.diff(self.frames) == self._stride])
+
+    @property
+    def _stride(self) -> int:
+        """How much the numbers of frames that follow each other differ."""
+        return 1
+
     def stretches(self) -> list[tuple[int, int]]:
-        """Stretches without a gap, as (first, length) in positions of `frames`."""
-        breaks = np.flatnonzero(np.diff(self.frames) != 1) + 1
+        """Stretches without a gap, as (first, length) in positions of `frames`.
+
+        A gap is a number that is missing, or stamps that differ from the period by more than half of it.
+        """
+        late = [is_gap(step, self.period) for step in np.diff(self.times)]
+        breaks = np.flatnonzero((np.diff(self.frames) != self._stride) | late) + 1
         edges = [0, *breaks.tolist(), len(self.frames)]
         return [(a, b - a) for a, b in itertools.pairwise(edges) if b > a]
 

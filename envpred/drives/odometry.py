@@ -12,9 +12,9 @@ import numpy as np
 import pykitti.utils
 from numpy.typing import NDArray
 
-from envpred.drives.drive import PAPER_SENSOR_OFFSET, Drive, read_points
+from envpred.drives.drive import Drive, read_points
 from envpred.errors import UserError
-from envpred.mapping.geometry import FloatArray
+from envpred.mapping.geometry import PAPER_SENSOR_OFFSET, FloatArray
 
 
 def find(root: Path) -> list[Drive]:
@@ -44,9 +44,6 @@ class OdometryDrive(Drive):
 
     def time(self, k: int) -> float:
         return float(self._times[k] - self._times[self.frames[0]])
-
-    def sensor_to_body(self) -> FloatArray:
-        return PAPER_SENSOR_OFFSET
 
     def image(self, k: int) -> Path | None:
         file = self.folder / "image_2" / f"{k:06d}.png"

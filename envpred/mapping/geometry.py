@@ -8,11 +8,34 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int32]
 
-# The ego vehicle's body in the sensor frame (x forward, y left, metres), as the paper's reference code takes it.
-EGO_REAR, EGO_FRONT, EGO_HALF_WIDTH = -0.81, 0.27 + 1.68, 0.8
+# Sensor to body (IMU) of KITTI's car as the paper's reference code takes it: no rotation, metres.
+PAPER_SENSOR_OFFSET = np.array([[1, 0, 0, 0.81], [0, 1, 0, -0.32], [0, 0, 1, 0.80], [0, 0, 0, 1]], np.float64)
+PAPER_SENSOR_HEIGHT = 1.73  # of KITTI's sensor above the road, metres
 
 # Codes of a label grid (uint8).
 UNKNOWN, OCCUPIED, FREE, EGO = 0, 1, 2, 3
+
+
+@dataclass(frozen=True)
+class Body:
+    """The ego vehicle's body in the sensor frame, in metres; by default KITTI's as the paper's reference code has it.
+
+    Args:
+        rear: x (forward) of its rear, negative where the sensor sits before it.
+        front: x of its front.
+        half_width: how far it reaches to the left and to the right.
+    """
+
+    rear: float = -0.81
+    front: float = 0.27 + 1.68
+    half_width: float = 0.8
+
+    def __post_init__(self) -> None:
+        if not (self.rear < self.front and self.half_width > 0):
+            raise ValueError(f"a body needs its rear behind its front and a positive half width, not {self}")
+
+
+PAPER_BODY = Body()
 
 
 @dataclass(frozen=True)
@@ -41,6 +64,14 @@ class GridSpec:
     def side(self) -> float:
         """Side of the grid in metres."""
         return self.cells * self.resolution
+
+    @property
+    def reach(self) -> float:
+        """How far along either axis (metres) the sensor's points cover the grid whatever the ego's heading.
+
+        sqrt(2) (side / 2 + 1 m), as in the paper's reference code; the metre is for where the sensor sits in the body.
+        """
+        return float(np.sqrt(2) * (self.side / 2 + 1.0))
 
     def lattice_origin(self, positions: FloatArray) -> FloatArray:
         """World position (2,) of lattice cell (0, 0) for a drive with IMU `positions` (T, >=2), in metres.

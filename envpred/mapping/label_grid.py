@@ -8,11 +8,10 @@ from numpy.typing import NDArray
 
 from envpred.mapping.geometry import (
     EGO,
-    EGO_FRONT,
-    EGO_HALF_WIDTH,
-    EGO_REAR,
     FREE,
     OCCUPIED,
+    PAPER_BODY,
+    Body,
     FloatArray,
     GridSpec,
     IntArray,
@@ -44,6 +43,7 @@ class RayCasting:
         centre_cell: IntArray,
         origin: FloatArray,
         spec: GridSpec,
+        body: Body = PAPER_BODY,
     ) -> NDArray[np.uint8]:
         """The label grid (H, W) uint8 of one scan.
 
@@ -54,6 +54,7 @@ class RayCasting:
             centre_cell: (2,) lattice cell at the grid's centre.
             origin: (2,) world position of lattice cell (0, 0), metres.
             spec: the grid.
+            body: of the ego.
         """
         # World position, in cells, of the centre of the local grid's cell (0, 0).
         corner = (np.asarray(centre_cell) - spec.half).astype(np.float64)
@@ -61,13 +62,14 @@ class RayCasting:
         rotation = sensor_pose[:2, :3] / spec.resolution
         grid = np.zeros((spec.cells, spec.cells), np.uint8)
         box = (
-            EGO_REAR - self.rear_margin,
-            EGO_FRONT + self.front_margin,
-            EGO_HALF_WIDTH + self.side_margin,
+            body.rear - self.rear_margin,
+            body.front + self.front_margin,
+            body.half_width + self.side_margin,
         )
         _mark_occupied(grid, points, obstacle, rotation, shift, box, self.nearest / spec.resolution)
         _cast_rays(grid, shift[0], shift[1])
-        _mark_ego(grid, shift, float(heading_of(sensor_pose)), spec.resolution)
+        ego = body.rear, body.front, body.half_width
+        _mark_ego(grid, shift, float(heading_of(sensor_pose)), ego, spec.resolution)
         return grid
 
 
@@ -129,14 +131,15 @@ def _cast_ray(grid, x, y, target_i, target_j):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
-def _mark_ego(grid, sensor, heading, resolution):  # type: ignore[no-untyped-def]
+def _mark_ego(grid, sensor, heading, ego, resolution):  # type: ignore[no-untyped-def]
     """Cells whose centre lies within one cell of the ego's body, seen from the sensor, belong to the ego."""
     cos, sin = np.cos(heading), np.sin(heading)
-    reach = int(np.ceil((EGO_FRONT + EGO_HALF_WIDTH) / resolution)) + 2
+    rear, front, half_width = ego
+    reach = int(np.ceil((max(front, -rear) + half_width) / resolution)) + 2
     ci, cj = int(np.rint(sensor[0])), int(np.rint(sensor[1]))
     for i in range(max(ci - reach, 0), min(ci + reach + 1, grid.shape[0])):
         for j in range(max(cj - reach, 0), min(cj + reach + 1, grid.shape[1])):
             east, north = (i - sensor[0]) * resolution, (j - sensor[1]) * resolution
             forward, left = cos * east + sin * north, cos * north - sin * east
-            if EGO_REAR - resolution <= forward <= EGO_FRONT + resolution and abs(left) <= EGO_HALF_WIDTH + resolution:
+            if rear - resolution <= forward <= front + resolution and abs(left) <= half_width + resolution:
                 grid[i, j] = EGO

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from envpred.errors import UserError
+from envpred.mapping.geometry import Body, FloatArray, GridSpec
 from envpred.store.files import FORMAT, MANIFEST, digest, read_json, write_json
 
 MAPPING_ARRAYS = ("label", "evidence", "centre_cell", "pose", "time")
@@ -125,6 +126,32 @@ class StoredDrive:
     def origin(self) -> NDArray[np.float64]:
         """World position (2,) of lattice cell (0, 0), in metres."""
         return np.array(self.manifest["lattice"]["origin"], np.float64)
+
+    @property
+    def grid(self) -> GridSpec:
+        """The grid that forecasts are judged on."""
+        return GridSpec(self.manifest["lattice"]["cells"], self.manifest["lattice"]["resolution"])
+
+    @property
+    def context(self) -> GridSpec | None:
+        """The wider grid around it, where the drive has one: the same lattice, the same centre cell."""
+        cells = self.manifest["lattice"]["context"]
+        return None if cells is None else GridSpec(cells, self.manifest["lattice"]["resolution"])
+
+    @property
+    def period(self) -> float:
+        """Nominal time between frames, in seconds."""
+        return float(self.manifest["period"])
+
+    @property
+    def body(self) -> Body:
+        """The ego vehicle's body in the sensor frame."""
+        return Body(**self.manifest["body"])
+
+    @property
+    def sensor_to_body(self) -> FloatArray:
+        """Rigid transform (4, 4) from the sensor frame to the body frame."""
+        return np.array(self.manifest["sensor"], np.float64)
 
     def has(self, name: str) -> bool:
         """Whether the drive holds the array `name`."""

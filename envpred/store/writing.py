@@ -82,7 +82,7 @@ class DriveWriter:
         drive: name of the drive.
         group: `mapping` for the drive itself; any other name completes a drive that is there.
         key: hash of the group's parameters, as `Store.claim` returns it.
-        about: what a new drive's manifest says beside its arrays; a drive that is completed keeps what it has.
+        about: what the manifest says beside its arrays; of a drive that is completed, what changes.
     """
 
     def __init__(self, store: Path, drive: str, group: str, key: str, about: Mapping[str, Any]) -> None:
@@ -140,7 +140,8 @@ class DriveWriter:
         """The manifest with this group's arrays in place of those that `old` has of it."""
         others = {name: entry for name, entry in old.get("arrays", {}).items() if entry["group"] != self.group}
         return {
-            **(old or {"format": FORMAT, **self.about}),
+            **(old or {"format": FORMAT}),
+            **self.about,
             "groups": {**old.get("groups", {}), self.group: self.key},
             "arrays": {**others, **entries},
             "software": f"envpred {__version__}",

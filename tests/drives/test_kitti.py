@@ -9,8 +9,8 @@ import pykitti.utils
 import pytest
 
 from envpred.drives import Drive, find_drives
-from envpred.drives.drive import PAPER_SENSOR_OFFSET
 from envpred.errors import UserError
+from envpred.mapping.geometry import PAPER_SENSOR_OFFSET
 from tests.drives.synthetic import HOME, motion, write_calibration, write_drive
 
 

@@ -8,9 +8,8 @@ import pytest
 from numpy.typing import NDArray
 
 from envpred.drives import find_drives
-from envpred.drives.drive import PAPER_SENSOR_OFFSET
 from envpred.mapping.evidence import accumulate, pignistic
-from envpred.mapping.geometry import GridSpec
+from envpred.mapping.geometry import PAPER_SENSOR_OFFSET, GridSpec
 from envpred.mapping.ground import MarkovRandomField
 from envpred.mapping.label_grid import RayCasting
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from envpred.mapping import evidence
 from envpred.mapping.evidence import pignistic
-from envpred.mapping.geometry import EGO, FREE, OCCUPIED
+from envpred.mapping.geometry import EGO, FREE, OCCUPIED, PAPER_SENSOR_OFFSET, Body
 from envpred.store import DriveWriter, Store
 
 
@@ -21,10 +21,24 @@ def write_store(
     parameters: dict[str, Any] | None = None,
     seed: int = 0,
     dogma: bool = False,
+    context: int | None = None,
+    period: float = 0.1,
 ) -> Path:
-    """A store whose `drives` have the given frame numbers: a box moves through free space, the ego drives east."""
+    """A store whose `drives` have the given frame numbers: a box moves through free space, the ego drives east.
+
+    Args:
+        folder: of the store.
+        drives: name -> frame numbers.
+        cells: of the judged grid.
+        parameters: that the mapping is said to have been made with.
+        seed: of the box.
+        dogma: whether velocities and particle forecasts are there too.
+        context: cells of the wide grid, whose outer cells are free but for a wall at its eastern border.
+        period: seconds between frames.
+    """
     random = np.random.default_rng(seed)
     key = Store(folder).claim("mapping", parameters or {"cells": cells, "evidence": asdict(evidence.PAPER)})
+    wide_key = Store(folder).claim("context", {"cells": context}) if context else ""
     for name, frames in drives.items():
         T = len(frames)
         labels = np.full((T, cells, cells), FREE, np.uint8)
@@ -39,12 +53,15 @@ def write_store(
         pose[:, 0, 3] = np.arange(T) / 9 + 40 / 3
         pose[:, 1, 3] = 40 / 3
         breaks = [0, *(np.flatnonzero(np.diff(frames) != 1) + 1).tolist(), T]
-        about = {
+        about: dict[str, Any] = {
             "drive": name,
             "frames": frames,
             "stretches": [(a, b - a) for a, b in itertools.pairwise(breaks)],
-            "lattice": {"origin": [0.0, 0.0], "resolution": 1 / 3, "cells": cells},
             "source": {"drive": name, "frames": T},
+            "lattice": {"origin": [0.0, 0.0], "resolution": 1 / 3, "cells": cells, "context": None},
+            "period": period,
+            "sensor": PAPER_SENSOR_OFFSET.tolist(),
+            "body": asdict(Body()),
         }
         mass = evidence.accumulate(labels, centre_cell).astype(np.float16)
         arrays: dict[str, NDArray[Any]] = {
@@ -52,10 +69,10 @@ def write_store(
             "evidence": mass,
             "centre_cell": centre_cell,
             "pose": pose,
-            "time": 0.1 * np.arange(T),
+            "time": period * np.arange(T),
         }
         moving = np.zeros((T, 2, cells, cells), np.float16)
-        moving[:, 0][labels == OCCUPIED] = speed * 10 / 3  # m/s
+        moving[:, 0][labels == OCCUPIED] = speed / 3 / period  # m/s
         covariance = np.zeros((T, 3, cells, cells), np.float16)
         covariance[:, [0, 2]] = 0.25
         ahead = np.repeat((255 * pignistic(mass)).astype(np.uint8)[:, None], 15, axis=1)
@@ -63,6 +80,15 @@ def write_store(
         with DriveWriter(folder, name, "mapping", key, about) as out:
             for array, values in arrays.items():
                 out.add(array, values.dtype, values.shape).extend(values)
+        if context:
+            rim = (context - cells) // 2
+            wide = np.pad(labels, ((0, 0), (rim, rim), (rim, rim)), constant_values=FREE)
+            wide[:, -1] = OCCUPIED
+            wide_mass = evidence.accumulate(wide, centre_cell).astype(np.float16)
+            lattice = {"lattice": {**about["lattice"], "context": context}}
+            with DriveWriter(folder, name, "context", wide_key, lattice) as out:
+                out.add("context_label", wide.dtype, wide.shape).extend(wide)
+                out.add("context_evidence", wide_mass.dtype, wide_mass.shape).extend(wide_mass)
         if dogma:
             with DriveWriter(folder, name, "dogma", Store(folder).claim("dogma", {}), {}) as out:
                 for array, values in dynamic.items():

@@ -14,7 +14,9 @@ from numpy.typing import NDArray
 
 from envpred.cli.commands import verify
 from envpred.errors import UserError
+from envpred.mapping.geometry import Body, GridSpec
 from envpred.store import FORMAT, MANIFEST, DriveWriter, Store, StoredDrive, digest, sweep
+from tests.store.stores import write_store
 
 PARAMETERS = {"grid": {"cells": 8, "resolution": 1 / 3}, "sensor": "calibration"}
 FRAMES = 5
@@ -36,7 +38,10 @@ def write(
         "drive": drive,
         "frames": [3, 4, 5, 8, 9],
         "stretches": [(0, 3), (3, 2)],
-        "lattice": {"origin": [1.5, -2.0], "resolution": 1 / 3, "cells": 8},
+        "lattice": {"origin": [1.5, -2.0], "resolution": 1 / 3, "cells": 8, "context": 16},
+        "period": 0.05,
+        "sensor": np.diag([1.0, 1, 1, 1]).tolist(),
+        "body": {"rear": -1.0, "front": 2.0, "half_width": 0.9},
     }
     with DriveWriter(store, drive, group, key, about) as out:
         for name, values in (arrays or {"label": label(), "time": np.arange(5.0)}).items():
@@ -80,6 +85,9 @@ def test_round_trip(store: Path) -> None:
     assert drive.frames == [3, 4, 5, 8, 9]
     assert drive.stretches == [(0, 3), (3, 2)]
     np.testing.assert_array_equal(drive.origin, [1.5, -2.0])
+    assert (drive.grid, drive.context) == (GridSpec(8), GridSpec(16))
+    assert (drive.period, drive.body) == (0.05, Body(-1, 2, 0.9))
+    np.testing.assert_array_equal(drive.sensor_to_body, np.eye(4))
     assert drive.has("label")
     assert not drive.has("velocity")
     np.testing.assert_array_equal(np.load(store / "a" / "label.npy"), label())  # plain NumPy reads it too
@@ -358,3 +366,10 @@ def test_sweep_removes_parts_of_dead_writers_only(store: Path) -> None:
     sweep(store)
     assert {file.name for file in store.glob(".part-*")} == {living.name, elsewhere.name}
     assert list(Store(store).drives) == ["a"]
+
+
+def test_the_tests_own_store_has_both_grids(tmp_path: Path) -> None:
+    drive = Store(write_store(tmp_path, {"a": [0, 1, 2]}, cells=8, context=16, period=0.05)).drives["a"]
+    assert (drive.grid.cells, drive.context, drive.period) == (8, GridSpec(16), 0.05)
+    np.testing.assert_array_equal(drive.array("context_label")[:, 4:-4, 4:-4], drive.array("label"))
+    assert drive.array("context_evidence").shape == (3, 2, 16, 16)
