@@ -14,6 +14,7 @@ import resource
 import statistics
 import tempfile
 import time
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,7 @@ import numpy as np
 import torch
 
 from envpred.datamodules import GridDataModule
+from envpred.mapping.geometry import Body
 from envpred.networks.prednet import PredNet
 from envpred.store import FORMAT, MANIFEST, Store
 from envpred.store.files import write_json
@@ -61,7 +63,10 @@ def write_sparse_store(folder: Path, drives: int = DRIVES, frames: int = FRAMES,
             "drive": drive.name,
             "frames": list(range(frames)),
             "stretches": [(0, frames)],
-            "lattice": {"origin": [0.0, 0.0], "resolution": 1 / 3, "cells": cells},
+            "lattice": {"origin": [0.0, 0.0], "resolution": 1 / 3, "cells": cells, "context": None},
+            "period": 0.1,
+            "sensor": np.eye(4).tolist(),
+            "body": asdict(Body()),
             "groups": {"mapping": key},
             "arrays": entries,
         }

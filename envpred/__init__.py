@@ -1,3 +1,30 @@
-"""Evidential occupancy grids from LiDAR drives, and their forecasts."""
+"""LiDAR drives as evidential occupancy grids, and their forecasts: what a program of yours imports.
+
+Each name is loaded when it is first used, so that `import envpred` costs nothing.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from envpred import drives as drives
+    from envpred.mapping.mapper import Mapper as Mapper
+    from envpred.models.loading import load_forecaster as load_forecaster
+    from envpred.store import Store as Store
 
 __version__ = "0.1.0"
+__all__ = ["Mapper", "Store", "drives", "load_forecaster"]
+
+_FACE = {
+    "Mapper": "envpred.mapping.mapper",
+    "Store": "envpred.store",
+    "load_forecaster": "envpred.models.loading",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name == "drives":
+        return import_module("envpred.drives")
+    if name in _FACE:
+        return getattr(import_module(_FACE[name]), name)
+    raise AttributeError(f"module 'envpred' has no attribute {name!r}")

@@ -1,6 +1,7 @@
-"""What happens beside a run of Lightning's: pictures, and what is written of forecasts."""
+"""What happens beside a run of Lightning's: pictures, results, and what is written of predictions."""
 
 from envpred.callbacks.pictures import Pictures
 from envpred.callbacks.predictions import PredictionWriter
+from envpred.callbacks.results import ResultWriter
 
-__all__ = ["Pictures", "PredictionWriter"]
+__all__ = ["Pictures", "PredictionWriter", "ResultWriter"]

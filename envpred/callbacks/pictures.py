@@ -2,31 +2,44 @@
 
 import io
 from collections.abc import Mapping
-from dataclasses import replace
-from pathlib import Path
-from typing import Any, cast
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import PIL.Image
 import torch
 from lightning.pytorch import Callback, LightningModule, Trainer
 from lightning.pytorch.loggers import TensorBoardLogger
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
 from tensorboard.compat.proto.summary_pb2 import Summary
-from torch.utils.data import default_collate
+from torch import Tensor
 from torch.utils.tensorboard import SummaryWriter
 
-from envpred.datamodules import WindowBatch
-from envpred.horizons import SHOWN_HORIZONS
-from envpred.models.forecaster import Forecaster
-from envpred.pictures import grids as pictures
-from envpred.pictures.forecasts import forecast_strip, scene_animation, scene_strip
-from envpred.pictures.velocities import of_window
-from envpred.results.result import RESULT, add_pictures
+from envpred.callbacks.results import result_writer
+from envpred.datamodules import Forecast, WindowBatch
+from envpred.mapping.dogma import VELOCITY_SCALE
+from envpred.models import Forecaster
+from envpred.pictures.animations import scene_animation
+from envpred.pictures.forecasts import forecast_strip, scene_strip
+from envpred.pictures.grids import save
+from envpred.pictures.velocities import velocity_strip
 from envpred.results.scenes import Scene, write_scenes
 
 DRAWN = "drawn.npz"  # the forecasts of the windows that are drawn, beside the result
 FORECAST = "forecast"
 TRAINING_DATA = ("split", "length", "samples", "batch_size", "augment", "crop", "seed")  # what HPARAMS shows of it
+
+Velocities = tuple[NDArray[np.float32], NDArray[np.float32]]  # probability of occupied, and velocity in m/s
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """A window that is drawn: how pictures show it, what the forecaster saw, and what it said."""
+
+    scene: Scene
+    batch: WindowBatch
+    forecast: Forecast
 
 
 class Pictures(Callback):
@@ -58,11 +71,11 @@ class Pictures(Callback):
         if trainer.current_epoch % self.every_n_epochs:
             return
         step = trainer.global_step
-        for place, (index, scene) in enumerate(self._scenes(pl_module, "val").items()):
+        for place, drawn in enumerate(self._drawn(pl_module, "val").values()):
+            scene = drawn.scene
             title = f"{scene.where}, epoch {trainer.current_epoch}"
-            errors = forecast_strip(scene.target, scene.forecasts[FORECAST], SHOWN_HORIZONS, title)
-            logger.experiment.add_figure(f"window_{place}/forecast", errors, step)
-            velocities = of_window(pl_module, _batch(pl_module, "val", index), title)
+            logger.experiment.add_figure(f"window_{place}/forecast", forecast_strip(scene, title), step)
+            velocities = _velocities(pl_module, drawn, title)
             if velocities is not None:
                 logger.experiment.add_figure(f"window_{place}/velocity", velocities, step)
             if place == 0:
@@ -72,40 +85,28 @@ class Pictures(Callback):
 
     def on_test_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
         """Pictures of the same kind beside the result, and the forecasts themselves for a report's pictures."""
-        folder = trainer.log_dir
-        if folder is None or not trainer.is_global_zero or not isinstance(pl_module, Forecaster):
+        writer = result_writer(trainer)
+        if writer is None or not trainer.is_global_zero or not isinstance(pl_module, Forecaster):
             return
+        folder = writer.write(trainer, pl_module).parent  # what was measured is safe before anything is drawn
         names: dict[str, str] = {}
-        scenes = self._scenes(pl_module, "test")
-        for place, (index, scene) in enumerate(scenes.items()):
-            strip = forecast_strip(scene.target, scene.forecasts[FORECAST], SHOWN_HORIZONS, scene.where)
-            pictures.save(strip, Path(folder) / "pictures" / f"window_{place}.png")
-            (Path(folder) / "pictures" / f"window_{place}.gif").write_bytes(scene_animation(scene))
-            names |= {f"window_{place}_{kind}": f"pictures/window_{place}.{kind}" for kind in ("png", "gif")}
-            velocities = of_window(pl_module, _batch(pl_module, "test", index), scene.where)
-            if velocities is not None:
-                pictures.save(velocities, Path(folder) / "pictures" / f"window_{place}_velocity.png")
-        write_scenes(Path(folder) / DRAWN, scenes)
-        add_pictures(Path(folder) / RESULT, names, DRAWN)
+        found = self._drawn(pl_module, "test")
+        for place, drawn in enumerate(found.values()):
+            pictures = {"errors": forecast_strip(drawn.scene), "velocity": _velocities(pl_module, drawn)}
+            for kind, picture in pictures.items():
+                if picture is not None:
+                    names[f"window_{place}_{kind}"] = f"pictures/window_{place}_{kind}.png"
+                    save(picture, folder / names[f"window_{place}_{kind}"])
+            names[f"window_{place}_animation"] = f"pictures/window_{place}.gif"
+            (folder / f"pictures/window_{place}.gif").write_bytes(scene_animation(drawn.scene))
+        write_scenes(folder / DRAWN, {index: drawn.scene for index, drawn in found.items()})
+        writer.add_pictures(trainer, pl_module, names, DRAWN)
 
-    def _scenes(self, model: Forecaster, part: str) -> dict[int, Scene]:
+    def _drawn(self, model: Forecaster, part: str) -> dict[int, Drawn]:
         """The fixed windows of `part` with the model's forecast, by their place among all."""
         data = model.dataset.datasets[part]
-        scenes = {}
-        for index in np.unique(np.linspace(0, len(data) - 1, self.windows).round().astype(int)).tolist():
-            place, batch = data.places[index], _batch(model, part, index)
-            with torch.no_grad():
-                forecast = model.forecast(batch, model.given)[0].float().cpu().numpy()
-            occupancy = batch["occupancy"][0].cpu().numpy()
-            scenes[index] = Scene(
-                place.drive.name,
-                tuple(place.drive.frames[place.start : place.start + model.given]),
-                occupancy[: model.given],
-                occupancy[model.given :],
-                batch["centre_cell"][0].cpu().numpy(),
-                {FORECAST: forecast},
-            )
-        return scenes
+        indices = np.unique(np.linspace(0, len(data) - 1, self.windows).round().astype(int)).tolist()
+        return {index: _forecast(model, part, index) for index in indices}
 
     def on_train_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
         logger = _tensorboard(trainer)
@@ -133,10 +134,52 @@ class Pictures(Callback):
         logger.experiment._get_file_writer().add_summary(summary, step)
 
 
-def _batch(model: Forecaster, part: str, index: int) -> WindowBatch:
-    """A batch of one window of `part`, on the model's device."""
-    batch = default_collate([model.dataset.datasets[part][index]])
-    return cast(WindowBatch, model.transfer_batch_to_device(batch, model.device, 0))
+def _forecast(model: Forecaster, part: str, index: int) -> Drawn:
+    """Window `index` of `part` with its forecast."""
+    batch, place = model.batch_of(part, index), model.dataset.datasets[part].places[index]
+    seen, future = batch["seen"], batch["future"]
+    assert future is not None  # validation and test have targets
+    with torch.no_grad():
+        forecast = model.forecast_checked(seen, model.dataset.horizons)
+    context = model.view.probability(seen["context"])[0, -1].cpu().numpy() if "context" in seen else None
+    stride, first, given = model.dataset.stride, place.start, model.given
+    scene = Scene(
+        drive=place.drive.name,
+        frames=tuple(place.drive.frames[first : first + given * stride : stride]),
+        seen=seen["occupancy"][0].cpu().numpy(),
+        target=future["occupancy"][0].cpu().numpy(),
+        centre_cell=torch.cat([seen["centre_cell"][0], future["centre_cell"][0]]).cpu().numpy(),
+        forecasts={FORECAST: forecast.probability[0].float().cpu().numpy()},
+        resolution=model.dataset.grid.resolution,
+        period=model.dataset.period,
+        context=context,
+        oracles=frozenset({FORECAST} if model.role == "oracle" else ()),
+    )
+    return Drawn(scene, batch, forecast)
+
+
+def _velocities(model: Forecaster, drawn: Drawn, title: str = "") -> Figure | None:
+    """Velocities of a window, shown, to come and, of a forecaster of all channels, forecast.
+
+    None if the model's variant has no velocities.
+    """
+    pair, future = model.view.velocity, drawn.batch["future"]
+    if pair is None or future is None:
+        return None
+
+    def of(channels: Tensor) -> Velocities:
+        probability, velocity = model.view.probability(channels), VELOCITY_SCALE * channels[..., list(pair), :, :]
+        return probability.float().cpu().numpy(), velocity.float().cpu().numpy()
+
+    channels = drawn.forecast.channels
+    return velocity_strip(
+        of(drawn.batch["seen"]["frames"][0, -1]),
+        of(future["frames"][0]),
+        None if channels is None else of(channels[0]),
+        drawn.scene.resolution,
+        drawn.scene.period,
+        title or drawn.scene.where,
+    )
 
 
 def _tensorboard(trainer: Trainer) -> TensorBoardLogger | None:

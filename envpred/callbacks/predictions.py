@@ -15,10 +15,10 @@ from lightning.pytorch import LightningModule, Trainer
 from lightning.pytorch.callbacks import BasePredictionWriter
 from lightning.pytorch.utilities import rank_zero_info
 
+from envpred.callbacks.provenance import provenance
 from envpred.errors import UserError
 from envpred.models import Forecaster
 from envpred.results.predictions import FORMAT, WHAT, drive_entry, window_entry
-from envpred.results.result import provenance
 from envpred.store import MANIFEST, sweep
 from envpred.store.files import write_json
 
@@ -76,7 +76,7 @@ class PredictionWriter(BasePredictionWriter):
         forecasts = prediction["forecast"].float().cpu().numpy().astype(self.dtype)
         for index, forecast in zip(prediction["index"].tolist(), forecasts, strict=True):
             place = data.datasets["predict"].places[index]
-            entry = window_entry(place.drive, place.start, data.given, data.length - data.given)
+            entry = window_entry(place.drive, place.start, data.given, data.horizons)
             file = f"{place.drive.name}/{entry['frames'][-1]:010d}.npy"
             try:
                 (self.part / file).parent.mkdir(exist_ok=True)

@@ -7,6 +7,7 @@ Everything is imported where it is needed: worker processes import this module t
 is to end like any other.
 """
 
+import os
 import sys
 from pathlib import Path
 
@@ -17,6 +18,8 @@ from envpred.interrupts import MESSAGE, ends_at_once
 def main(args: list[str] | None = None) -> None:
     """Entry point; a user's mistake is one line on standard error and exit code 1."""
     args = sys.argv[1:] if args is None else args
+    if os.getcwd() not in sys.path:
+        sys.path.append(os.getcwd())  # classes of the user's own are named by files in the current folder
     try:
         with ends_at_once():
             from envpred.cli.commands import COMMANDS

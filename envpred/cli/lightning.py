@@ -16,9 +16,9 @@ from jsonargparse import DefaultHelpFormatter, Namespace
 from lightning.pytorch.cli import LightningArgumentParser, LightningCLI
 
 from envpred import __version__
-from envpred.callbacks.pictures import Pictures
-from envpred.callbacks.predictions import PredictionWriter
+from envpred.callbacks import Pictures, PredictionWriter, ResultWriter
 from envpred.cli.commands import COMMANDS
+from envpred.cli.configs import portable
 from envpred.datamodules import GridDataModule
 from envpred.errors import UserError
 from envpred.models import Forecaster
@@ -39,6 +39,7 @@ class EnvpredCLI(LightningCLI):
         parser.link_arguments("data.variant", "model.init_args.variant")
         parser.link_arguments("data.given", "model.init_args.given")
         parser.add_lightning_class_args(PredictionWriter, "predictions")
+        parser.add_lightning_class_args(ResultWriter, "results")
 
     def _parse_ckpt_path(self) -> None:
         """Find the checkpoint that `best` and `last` stand for, and refuse what is none.
@@ -74,7 +75,7 @@ class EnvpredCLI(LightningCLI):
 
     def after_instantiate_classes(self) -> None:
         """The schedule is the model's; without this Lightning would warn that it goes on for 1000 epochs."""
-        if self.subcommand == "fit" and self.config.fit.trainer.max_epochs is None:
+        if self.subcommand == "fit" and self.config.fit.trainer.max_epochs is None and self.model.epochs is not None:
             self.trainer.fit_loop.max_epochs = self.model.epochs
 
     def _model_name(self) -> str:
@@ -123,7 +124,7 @@ def lightning(args: list[str] | None = None, kind: type[C] = EnvpredCLI, run: bo
             "epilog": _epilog(),
             "formatter_class": HelpFormatter,
         },
-        args=args,
+        args=portable(sys.argv[1:] if args is None else args),
         run=run,
     )
 

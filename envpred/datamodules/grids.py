@@ -1,42 +1,51 @@
 """The LightningDataModule over a store of grids."""
 
+import math
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 from lightning.pytorch import LightningDataModule
 from lightning.pytorch.utilities import rank_zero_info
+from numpy.typing import NDArray
 from torch.utils.data import DataLoader
 
-from envpred.datamodules.selection import Selection, Split, preset, select
+from envpred.datamodules.contract import Needs
+from envpred.datamodules.selection import Selection, split_drives, usable_drives
 from envpred.datamodules.variants import variant as variant_of
 from envpred.datamodules.windows import (
+    CONTEXT,
     Place,
     RandomWindows,
     Window,
     WindowDataset,
+    collate,
     every_window,
     windows_in_order,
 )
 from envpred.errors import UserError
-from envpred.store import Store, StoredDrive, digest
+from envpred.horizons import PERIOD
+from envpred.mapping.geometry import GridSpec
+from envpred.store import StoredDrive, digest
+
+AHEAD = 1.5  # seconds that windows reach beyond the frames shown, unless another length is asked for
 
 
 class GridDataModule(LightningDataModule):
     """Windows of precomputed grids, as one of the paper's input variants.
 
-    Training draws random windows; validation and test take windows in order that do not overlap.  `frames` of a batch
-    (B, T, C, H, W) are the variant's channels, `occupancy` (B, T, H, W) is the probability that is judged.  Prediction
-    needs no targets: but for the test windows, its batches hold the frames shown and no more.
+    Training draws random windows; validation and test take windows in order that do not overlap.  A batch holds what is
+    seen apart from what came then (see `envpred.datamodules.contract`).  Prediction needs no targets: but for the test
+    windows, its batches hold what is seen and no more.
 
     Args:
         store: folder that `envpred grids` wrote.
-        variant: dst_static, prob_static, dst_dogma or prob_dogma.
+        variant: dst_static, prob_static, dst_dogma, prob_dogma, or module.NAME of a variant of your own.
         split: auto, paper, or custom for the lists below (see `envpred.datamodules.selection.preset`).
         train: drives that train, each as name or name@start-stop; they replace the preset's.
         val: drives that validate, likewise.
         test: drives that test, likewise.
-        length: frames in a window.
+        length: frames in a window; by default as many as reach 1.5 s beyond those given.
         given: frames of it that are shown to a forecaster; the others are to be forecast.
         samples: random training windows an epoch.
         val_windows: validation windows at most, spread evenly over the validation drives.
@@ -46,6 +55,7 @@ class GridDataModule(LightningDataModule):
             learns the same from them, in a share of the time.  Validation and test see whole grids.
         num_workers: processes that read ahead; reading a window takes a millisecond or two, so none is usually best.
         seed: of the random windows.
+        stride: take every so many-th frame of the store: 2 makes 10 Hz of a drive of 20 Hz.
         predict: windows that are predicted, of the drives that test: the test windows, the newest `given` frames of
             each drive, or all, one after every frame that is the last of `given` without a gap.
     """
@@ -58,7 +68,7 @@ class GridDataModule(LightningDataModule):
         train: list[str] | None = None,
         val: list[str] | None = None,
         test: list[str] | None = None,
-        length: int = 20,
+        length: int | None = None,
         given: int = 5,
         samples: int = 500,
         val_windows: int = 100,
@@ -68,17 +78,24 @@ class GridDataModule(LightningDataModule):
         num_workers: int = 0,
         seed: int = 0,
         predict: Literal["test", "newest", "all"] = "test",
+        stride: int = 1,
     ) -> None:
         super().__init__()
-        if not 1 <= given < length:
+        if given < 1 or (length is not None and given >= length):
             raise UserError(f"--data.given {given} must be at least 1 and below --data.length {length}")
-        if min(samples, val_windows, batch_size) < 1:
-            raise UserError("--data.samples, --data.val_windows and --data.batch_size must be at least 1")
+        for name, value in (
+            ("samples", samples),
+            ("val_windows", val_windows),
+            ("batch_size", batch_size),
+            ("stride", stride),
+        ):
+            if value < 1:
+                raise UserError(f"--data.{name} {value}: give at least 1")
         self.store, self.variant, self.split = Path(store), variant, split
         self.asked = {"train": train, "val": val, "test": test}
-        self.length, self.given, self.samples, self.val_windows = length, given, samples, val_windows
+        self.asked_length, self.given, self.samples, self.val_windows = length, given, samples, val_windows
         self.batch_size, self.augment, self.num_workers, self.seed = batch_size, augment, num_workers, seed
-        self.predict, self.crop = predict, crop
+        self.predict, self.crop, self.stride = predict, crop, stride
         self.view = variant_of(variant)
         self.selected: dict[str, list[Selection]] = {}
         self.datasets: dict[str, WindowDataset] = {}
@@ -86,20 +103,62 @@ class GridDataModule(LightningDataModule):
     def setup(self, stage: str) -> None:
         """Find the windows that a stage needs; refuse what does not fit before anything runs."""
         if not self.selected:
-            self.selected = self._split(self._usable_drives())
+            self.selected = split_drives(self.split, self.asked, usable_drives(self.store))
         if stage == "fit" and self.crop is not None and not 1 <= self.crop <= self.cells:
             raise UserError(f"--data.crop {self.crop}: the grids have {self.cells} cells a side; give at most so many")
         needed = {"fit": ("train", "val"), "validate": ("val",), "test": ("test",), "predict": ("predict",)}[stage]
-        for part in needed:
-            if part not in self.datasets:
-                extra = self._extra()
-                crop = self.crop if part == "train" else None
-                self.datasets[part] = WindowDataset(
-                    self._places(part, extra), self.view, self._frames(part), self.given, extra, crop
-                )
-                names = [str(selection) for selection in self._selected(part)]
-                drives = ", ".join(names) if len(names) <= 8 else f"{len(names)} drives, {names[0]} to {names[-1]}"
-                rank_zero_info(f"{part}: {len(self.datasets[part])} windows of {drives}")
+        fresh = [part for part in needed if part not in self.datasets]
+        for part in fresh:
+            crop = self.crop if part == "train" else None
+            horizons = self._frames(part) - self.given
+            self.datasets[part] = WindowDataset(
+                self._places(part), self.view, self.given, horizons, self.needs, crop, self.stride
+            )
+            names = [str(selection) for selection in self._selected(part)]
+            drives = ", ".join(names) if len(names) <= 8 else f"{len(names)} drives, {names[0]} to {names[-1]}"
+            rank_zero_info(f"{part}: {len(self.datasets[part])} windows of {drives}")
+        if fresh and not math.isclose(self.period, PERIOD):  # at another rate, how far ahead that is must be said
+            ahead = self.horizons * self.period
+            rank_zero_info(f"{self.horizons} forecasts {self.period:.3g} s apart, the last {ahead:.3g} s ahead")
+
+    @property
+    def needs(self) -> Needs:
+        """What the trainer's forecaster reads beside its variant."""
+        forecaster = getattr(self.trainer, "lightning_module", None)
+        needs: Needs = getattr(forecaster, "needs", Needs())
+        return needs
+
+    @property
+    def period(self) -> float:
+        """Seconds between the frames of a window."""
+        return self._example.period * self.stride
+
+    @property
+    def horizons(self) -> int:
+        """Frames after those shown that are to be forecast."""
+        if self.asked_length is not None:
+            return self.asked_length - self.given
+        return max(1, round(AHEAD / self.period))
+
+    @property
+    def length(self) -> int:
+        """Frames in a window."""
+        return self.given + self.horizons
+
+    @property
+    def grid(self) -> GridSpec:
+        """The judged grid."""
+        return self._example.grid
+
+    @property
+    def cells(self) -> int:
+        """Cells along a side of the judged grid."""
+        return self.grid.cells
+
+    @property
+    def _example(self) -> StoredDrive:
+        """A drive that stands for all: their grids and periods are the same."""
+        return next(selection.drive for selections in self.selected.values() for selection in selections)
 
     def train_dataloader(self) -> DataLoader[Window]:
         data = self.datasets["train"]
@@ -122,26 +181,20 @@ class GridDataModule(LightningDataModule):
         Raises:
             UserError: if the split leaves no drive to train.
         """
-        data = WindowDataset(self._places("train"), self.view, self.length)
+        data = WindowDataset(self._places("train"), self.view, self.given, self.horizons, stride=self.stride)
         chosen = np.unique(np.linspace(0, len(data) - 1, windows).round().astype(int))
-        return float(np.mean([data[int(k)]["occupancy"].mean() for k in chosen]))
-
-    @property
-    def cells(self) -> int:
-        """Cells along a side of the grids."""
-        drives = [selection.drive for selections in self.selected.values() for selection in selections]
-        return int(drives[0].manifest["lattice"]["cells"])
+        return float(np.mean([_occupancy(data[int(k)]).mean() for k in chosen]))
 
     def describe(self, part: str) -> dict[str, Any]:
         """What a result was measured on: split, drives, windows and hashes of their content.
 
-        `store_hash` is of what is judged, the same for all variants; `input_hash` of what the variant reads beside it.
+        `store_hash` is of what is judged, the same for all variants; `input_hash` of each array that is read beside it,
+        by the variant or because the forecaster needs it.
         """
-        beside = sorted({*self.view.arrays} - {"evidence"})
         return {
             "store": self.store.name,
             "store_hash": self._hash(part, ["evidence"]),
-            "input_hash": self._hash(part, beside) if beside else None,
+            "input_hash": {name: self._hash(part, [name]) for name in self._arrays() if name != "evidence"},
             "variant": self.variant,
             "split": "custom" if any(self.asked.values()) else self.split,
             "part": part,
@@ -149,6 +202,11 @@ class GridDataModule(LightningDataModule):
             "window_rule": self._window_rule(part),
             "length": self.length,
             "given": self.given,
+            "stride": self.stride,
+            "period": self.period,
+            "resolution": self.grid.resolution,
+            "cells": self.cells,
+            "context": self._context_cells() if self.needs.context else None,
             "windows": [[place.drive.name, place.start] for place in self.datasets[part].places],
         }
 
@@ -179,51 +237,34 @@ class GridDataModule(LightningDataModule):
             data,
             batch_size=self.batch_size,
             num_workers=self.num_workers,
+            collate_fn=collate,
             persistent_workers=self.num_workers > 0,
             **options,
         )
 
-    def _usable_drives(self) -> dict[str, StoredDrive]:
-        store = Store(self.store)
-        drives = store.drives
-        if not drives:
-            unfinished = store.unfinished()
-            hint = f" ({', '.join(unfinished)} unfinished)" if unfinished else ""
-            raise UserError(f"{self.store}: holds no finished drive{hint}; run `envpred grids --store {self.store}`")
-        key = digest(store.parameters("mapping"))
-        stale = [name for name, drive in drives.items() if drive.manifest["groups"].get("mapping") != key]
-        if stale:
-            raise UserError(
-                f"{self.store}: {', '.join(stale)} were built with other parameters than the store says; "
-                "run `envpred grids` again"
-            )
-        return drives
+    def _arrays(self) -> list[str]:
+        """Names of the stored arrays that are read beside those of every drive, in order."""
+        names = {*self.view.arrays, *self.needs.arrays}
+        if self.needs.context:
+            names |= {f"{CONTEXT}label", f"{CONTEXT}evidence"}
+        return sorted(names - {"label", "centre_cell", "pose", "time"})
 
-    def _split(self, drives: dict[str, StoredDrive]) -> dict[str, list[Selection]]:
-        asked = {part: select(items, drives) for part, items in self.asked.items() if items}
-        if self.split == "custom" or len(asked) == len(self.asked):
-            base = Split([], [], [])
-        else:
-            base = preset(self.split, drives)
-        return {"train": base.train, "val": base.val, "test": base.test} | asked
+    def _context_cells(self) -> int | None:
+        context = self._example.context
+        return None if context is None else context.cells
 
-    def _extra(self) -> str | None:
-        """The stored array that the trainer's forecaster asks for beside its variant."""
-        forecaster = getattr(self.trainer, "lightning_module", None)
-        return getattr(forecaster, "extra", None)
-
-    def _places(self, part: str, extra: str | None = None) -> list[Place]:
+    def _places(self, part: str) -> list[Place]:
         selections, length = self._selected(part), self._frames(part)
         argument = f"--data.{'test' if part == 'predict' else part}"
         if not selections:
             raise UserError(f"the split {self.split!r} leaves no drive to {part}; name some with {argument}")
         for selection in selections:
-            for name in (*self.view.arrays, *([extra] if extra else [])):
+            for name in self._arrays():
                 selection.drive.array(name)  # an error here names the command that makes it
         if part == "train" or length < self.length:
-            places = every_window(selections, length)
+            places = every_window(selections, length, self.stride)
         else:
-            places = windows_in_order(selections, length)
+            places = windows_in_order(selections, length, self.stride)
         if not places:
             longest = max((n for s in selections for _, n in s.stretches()), default=0)
             smaller = "--data.length" if length == self.length else "--data.given"
@@ -236,3 +277,10 @@ class GridDataModule(LightningDataModule):
         if part == "val" and len(places) > self.val_windows:
             places = [places[k] for k in np.linspace(0, len(places) - 1, self.val_windows).round().astype(int)]
         return places
+
+
+def _occupancy(window: Window) -> NDArray[np.float32]:
+    """The probability of occupied (T, H, W) of all frames of a window."""
+    future = window["future"]
+    parts = [window["seen"]["occupancy"], *([future["occupancy"]] if future is not None else [])]
+    return np.concatenate([part.numpy() for part in parts])

@@ -4,10 +4,12 @@ A selection is a drive's name, or `name@start-stop` for the frames at positions 
 be left out.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 
 from envpred.errors import UserError
-from envpred.store import StoredDrive
+from envpred.store import Store, StoredDrive, digest
 
 # Drives that the paper's reference code names; it trains on all others.
 PAPER_VALIDATION = ("2011_09_26_drive_0005_sync", "2011_09_26_drive_0014_sync")
@@ -107,3 +109,34 @@ def _auto(names: list[str], drives: dict[str, StoredDrive]) -> Split:
     return Split(
         select(names[: -test - val], drives), select(names[-test - val : -test], drives), select(names[-test:], drives)
     )
+
+
+def split_drives(
+    name: str, asked: Mapping[str, list[str] | None], drives: dict[str, StoredDrive]
+) -> dict[str, list[Selection]]:
+    """What trains, validates and tests: the split of that name, but for the parts that are `asked` for as lists."""
+    lists = {part: select(items, drives) for part, items in asked.items() if items}
+    base = Split([], [], []) if name == "custom" or len(lists) == len(asked) else preset(name, drives)
+    return {"train": base.train, "val": base.val, "test": base.test} | lists
+
+
+def usable_drives(folder: Path) -> dict[str, StoredDrive]:
+    """The finished drives of a store.
+
+    Raises:
+        UserError: if there are none, or some were built with other parameters than the store says.
+    """
+    store = Store(folder)
+    drives = store.drives
+    if not drives:
+        unfinished = store.unfinished()
+        hint = f" ({', '.join(unfinished)} unfinished)" if unfinished else ""
+        raise UserError(f"{folder}: holds no finished drive{hint}; run `envpred grids --store {folder}`")
+    key = digest(store.parameters("mapping"))
+    stale = [name for name, drive in drives.items() if drive.manifest["groups"].get("mapping") != key]
+    if stale:
+        raise UserError(
+            f"{folder}: {', '.join(stale)} were built with other parameters than the store says; "
+            "run `envpred grids` again"
+        )
+    return drives

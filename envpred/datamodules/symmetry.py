@@ -4,13 +4,15 @@ A symmetry is a number from 0 to 7: bit 0 exchanges east and north, then bits 1 
 round.  0 leaves everything as it is.
 """
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
 COUNT = 8
 
 
-def turn_grid(grid: NDArray[np.float32], symmetry: int) -> NDArray[np.float32]:
+def turn_grid(grid: NDArray[Any], symmetry: int) -> NDArray[Any]:
     """`grid` (..., H, H) turned; a view."""
     if symmetry & 1:
         grid = grid.swapaxes(-1, -2)
@@ -47,3 +49,15 @@ def turn_pose(pose: NDArray[np.floating], symmetry: int) -> NDArray[np.floating]
     heading = turn_vector(heading, symmetry)
     position = turn_vector(pose[..., :2], symmetry)
     return np.concatenate([position, np.arctan2(heading[..., 1], heading[..., 0])[..., None]], axis=-1)
+
+
+def turn_covariance(covariance: NDArray[np.floating], symmetry: int) -> NDArray[np.floating]:
+    """Covariances (..., 3), as (xx, xy, yy), of turned vectors."""
+    turned = covariance[..., ::-1].copy() if symmetry & 1 else covariance.copy()
+    turned[..., 1] *= -1 if bool(symmetry & 2) != bool(symmetry & 4) else 1
+    return turned
+
+
+def is_mirrored(symmetry: int) -> bool:
+    """Whether left and right change places: what lies to the left in the body frame then lies to the right."""
+    return symmetry.bit_count() % 2 == 1

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from importlib import import_module
 
 import numpy as np
 import torch
@@ -20,21 +21,28 @@ class Variant:
     """What a forecaster sees of each frame.
 
     Args:
+        name: as --data.variant takes it.
         channels: names of the channels, in order.
         arrays: what the store must hold.
-        view: the arrays (T, ...) of a window -> its frames (T, C, H, W).
-        velocity: the channels of the velocity east and north, if the variant has them; they lie in [-1, 1].
+        make_frames: the arrays (T, ...) of a window -> its frames (T, C, H, W).
+        vectors: pairs of channels, east and north, that turn with the grid; they lie in [-1, 1].
     """
 
+    name: str
     channels: tuple[str, ...]
     arrays: tuple[str, ...]
-    view: Callable[[Arrays], NDArray[np.float32]]
-    velocity: tuple[int, int] | None = None
+    make_frames: Callable[[Arrays], NDArray[np.float32]]
+    vectors: tuple[tuple[int, int], ...] = ()
 
     @property
     def evidential(self) -> bool:
         """Whether the first two channels are masses rather than the first one a probability."""
         return self.channels[:2] == ("occupied", "free")
+
+    @property
+    def velocity(self) -> tuple[int, int] | None:
+        """The channels of the velocity east and north, if the variant has them."""
+        return next((pair for pair in self.vectors if self.channels[pair[0]] == _VELOCITY[0]), None)
 
     def probability(self, channels: Tensor) -> Tensor:
         """Probability of occupied (..., H, W), what is judged, of `channels` (..., C, H, W): pignistic for masses."""
@@ -70,19 +78,31 @@ _DYNAMIC = ("evidence", "velocity", "velocity_cov")
 _VELOCITY = ("velocity east", "velocity north")
 
 VARIANTS = {
-    "dst_static": Variant(("occupied", "free"), ("evidence",), _masses),
-    "prob_static": Variant(("probability",), ("evidence",), _probability),
-    "dst_dogma": Variant(("occupied", "free", *_VELOCITY), _DYNAMIC, _masses_and_velocity, (2, 3)),
-    "prob_dogma": Variant(("probability", *_VELOCITY), _DYNAMIC, _probability_and_velocity, (1, 2)),
+    variant.name: variant
+    for variant in (
+        Variant("dst_static", ("occupied", "free"), ("evidence",), _masses),
+        Variant("prob_static", ("probability",), ("evidence",), _probability),
+        Variant("dst_dogma", ("occupied", "free", *_VELOCITY), _DYNAMIC, _masses_and_velocity, ((2, 3),)),
+        Variant("prob_dogma", ("probability", *_VELOCITY), _DYNAMIC, _probability_and_velocity, ((1, 2),)),
+    )
 }
 
 
 def variant(name: str) -> Variant:
-    """The variant of that name.
+    """The variant of that name, or the one that a dotted name such as `my_module.MY_VARIANT` leads to.
 
     Raises:
         UserError: naming those that there are.
     """
-    if name not in VARIANTS:
-        raise UserError(f"no input variant {name!r}; there are {', '.join(VARIANTS)}")
-    return VARIANTS[name]
+    if name in VARIANTS:
+        return VARIANTS[name]
+    module, _, attribute = name.rpartition(".")
+    if module:
+        try:
+            found = getattr(import_module(module), attribute, None)
+        except ImportError as error:
+            raise UserError(f"--data.variant {name}: {error}; give a module that Python finds from here") from None
+        if isinstance(found, Variant):
+            return found
+        raise UserError(f"--data.variant {name}: {module} holds no Variant of the name {attribute}")
+    raise UserError(f"no input variant {name!r}; there are {', '.join(VARIANTS)}, or give module.NAME of your own")

@@ -1,47 +1,36 @@
-"""Windows of consecutive grids: what a forecaster is given, and which ones there are."""
+"""Windows of consecutive grids, read from a store: what a forecaster sees, and apart from it what came then."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, TypedDict
+from typing import Any, TypedDict, cast
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
-from torch.utils.data import Dataset, Sampler
+from torch.utils.data import Dataset, Sampler, default_collate
 
 from envpred.datamodules import symmetry as turning
+from envpred.datamodules.contract import Future, Needs, Seen, WindowBatch
 from envpred.datamodules.selection import Selection
+from envpred.datamodules.transform import KINDS, Transform
 from envpred.datamodules.variants import Variant
 from envpred.mapping.evidence import pignistic
-from envpred.mapping.geometry import heading_of
+from envpred.mapping.geometry import FloatArray, heading_of
 from envpred.store import StoredDrive
+
+CONTEXT = "context_"  # what the names of arrays on the wide grid begin with
+FUTURE = ("frames", "occupancy", "label", "centre_cell", "pose")
 
 
 class Window(TypedDict):
-    """One window of T frames; a batch of them has a leading axis B, and lists of `drive`."""
+    """One window, as `WindowBatch` without the axis B."""
 
-    frames: Tensor  # (T, C, H, W) the variant's channels
-    occupancy: Tensor  # (T, H, W) the probability of occupied that is judged
-    centre_cell: Tensor  # (T, 2) where each grid lies on the drive's lattice
-    pose: Tensor  # (T, 3) x and y in cells of that lattice, heading in radians
+    seen: Seen
+    future: Future | None
     drive: str
-    start: int  # position of the first frame in the drive's arrays
-    index: int  # place of the window in its data set, by which metrics tell duplicates
-    extra: Tensor  # (..., H, W) the stored array that a forecaster asks for, at the last frame shown; else empty
-
-
-class WindowBatch(TypedDict):
-    """A batch of windows as the default collate makes it."""
-
-    frames: Tensor  # (B, T, C, H, W)
-    occupancy: Tensor  # (B, T, H, W)
-    centre_cell: Tensor  # (B, T, 2)
-    pose: Tensor  # (B, T, 3)
-    drive: list[str]
-    start: Tensor  # (B,)
-    index: Tensor  # (B,)
-    extra: Tensor  # (B, ..., H, W)
+    start: int
+    index: int
 
 
 @dataclass(frozen=True)
@@ -64,63 +53,127 @@ class Draw:
 class WindowDataset(Dataset[Window]):
     """The windows at `places`, each read from the disk when it is asked for, by its index or as a `Draw`.
 
-    With `crop` an item is a square of so many cells a side, the same of every frame.
+    Args:
+        places: the windows.
+        variant: channels of their frames.
+        given: frames shown.
+        horizons: frames that are to be forecast; 0 where there are no targets.
+        needs: what is read beside the variant.
+        crop: cut out a square of so many cells a side, the same of every frame.
+        stride: take every so many-th frame.
     """
 
     def __init__(
         self,
         places: list[Place],
         variant: Variant,
-        length: int,
-        given: int = 1,
-        extra: str | None = None,
+        given: int,
+        horizons: int,
+        needs: Needs | None = None,
         crop: int | None = None,
+        stride: int = 1,
     ) -> None:
-        self.places, self.variant, self.length, self.given, self.extra = places, variant, length, given, extra
-        self.crop = crop
+        self.places, self.variant, self.given, self.horizons = places, variant, given, horizons
+        self.needs, self.crop, self.stride = needs or Needs(), crop, stride
 
     def __len__(self) -> int:
         return len(self.places)
 
     def __getitem__(self, item: int | Draw) -> Window:
         drawn = item if isinstance(item, Draw) else Draw(item)
-        place, symmetry = self.places[drawn.index], drawn.symmetry
-        drive, cut = place.drive, slice(place.start, place.start + self.length)
-        # Copies: a mapped array held on to would keep its pages in memory.
-        arrays = {n: _in_float32(np.array(drive.array(n)[cut])) for n in {*self.variant.arrays, "evidence"}}
-        frames, occupancy = self.variant.view(arrays), pignistic(arrays["evidence"])
-        poses = np.array(drive.array("pose")[cut])
-        resolution = drive.manifest["lattice"]["resolution"]
-        cells = (poses[:, :2, 3] - drive.origin) / resolution
-        pose = np.concatenate([cells, heading_of(poses)[:, None]], axis=1)
-        centre_cell = np.array(drive.array("centre_cell")[cut])
-        extra = np.empty(0, np.uint8)
-        if self.extra is not None:
-            extra = np.array(drive.array(self.extra)[place.start + self.given - 1])
-        if symmetry:
-            frames, occupancy = turning.turn_grid(frames, symmetry), turning.turn_grid(occupancy, symmetry)
-            centre_cell, pose = turning.turn_cell(centre_cell, symmetry), turning.turn_pose(pose, symmetry)
-            if self.variant.velocity is not None:
-                channels = list(self.variant.velocity)
-                frames = frames.copy()
-                frames[:, channels] = np.moveaxis(
-                    turning.turn_vector(np.moveaxis(frames[:, channels], 1, -1), symmetry), -1, 1
-                )
-        if self.crop is not None:
-            west, south = drawn.corner
-            shift = np.array([west, south]) + self.crop // 2 - occupancy.shape[-1] // 2
-            cut_out = (..., slice(west, west + self.crop), slice(south, south + self.crop))
-            frames, occupancy, centre_cell = frames[cut_out], occupancy[cut_out], centre_cell + shift
+        place = self.places[drawn.index]
+        drive, given = place.drive, self.given
+        transform = Transform(drive.grid.cells, drawn.symmetry, self.crop, drawn.corner)
+        whole = self._judged(place, transform)
+        seen: dict[str, Any] = {name: _tensor(field[:given]) for name, field in whole.items()}
+        seen["arrays"] = {
+            name: _tensor(transform.stored(self._read(place, name), KINDS.get(name, "grid")))
+            for name in self.needs.arrays
+        }
+        seen |= self._car(drive, transform)
+        if self.needs.context:
+            seen |= self._context(place, transform)
+        future = {name: _tensor(whole[name][given:]) for name in FUTURE} if self.horizons else None
+        if self.needs.future_pose and future is not None:
+            seen |= {f"future_{name}": future[name].clone() for name in ("pose", "centre_cell")}
         return Window(
-            frames=torch.from_numpy(np.ascontiguousarray(frames)),
-            occupancy=torch.from_numpy(np.ascontiguousarray(occupancy)),
-            centre_cell=torch.from_numpy(np.ascontiguousarray(centre_cell)),
-            pose=torch.from_numpy(pose.astype(np.float32)),
+            seen=cast(Seen, seen),
+            future=cast(Future, future) if future is not None else None,
             drive=drive.name,
             start=place.start,
             index=drawn.index,
-            extra=torch.from_numpy(np.ascontiguousarray(extra)),
         )
+
+    def _judged(self, place: Place, transform: Transform) -> dict[str, NDArray[Any]]:
+        """Frames shown and those to come, of the judged grid."""
+        drive, frames = place.drive, self.given + self.horizons
+        arrays = {n: _in_float32(self._read(place, n, frames)) for n in {*self.variant.arrays, "evidence"}}
+        poses, time = self._read(place, "pose", frames), self._read(place, "time", frames)
+        cells = drive.grid.in_cells(poses[:, :2, 3], drive.origin)
+        return {
+            "frames": transform.frames(self.variant.make_frames(arrays), self.variant.vectors),
+            "occupancy": transform.stored(pignistic(arrays["evidence"])),
+            "label": transform.stored(self._read(place, "label", frames)),
+            "centre_cell": transform.centre_cell(self._read(place, "centre_cell", frames)),
+            "pose": transform.pose(np.concatenate([cells, heading_of(poses)[:, None]], axis=1)),
+            "time": time - time[self.given - 1],
+        }
+
+    def _context(self, place: Place, transform: Transform) -> dict[str, Tensor]:
+        """The frames shown of the wide grid."""
+        label = self._read(place, f"{CONTEXT}label")
+        arrays = {name: self._on_context(place, name, label.shape[-1]) for name in self.variant.arrays}
+        frames = transform.frames(self.variant.make_frames(arrays), self.variant.vectors)
+        return {"context": _tensor(frames), "context_label": _tensor(transform.stored(label))}
+
+    def _on_context(self, place: Place, name: str, cells: int) -> NDArray[np.float32]:
+        """The array `name` on the wide grid; of what is stored for the judged grid alone, nothing is known beyond."""
+        if place.drive.has(f"{CONTEXT}{name}"):
+            return _in_float32(self._read(place, f"{CONTEXT}{name}"))
+        judged = _in_float32(self._read(place, name))
+        margin = (cells - judged.shape[-1]) // 2
+        return np.pad(judged, [(0, 0)] * (judged.ndim - 2) + [(margin, margin)] * 2)
+
+    def _read(self, place: Place, name: str, frames: int | None = None) -> NDArray[Any]:
+        """A stored array over so many frames of the window, by default those shown.
+
+        A copy: a mapped array held on to would keep its pages in memory.
+        """
+        count = self.given if frames is None else frames
+        stop = place.start + (count - 1) * self.stride + 1
+        return np.array(place.drive.array(name)[place.start : stop : self.stride])
+
+    def _car(self, drive: StoredDrive, transform: Transform) -> dict[str, Tensor]:
+        """The car and the grid: what is the same in all frames of a drive."""
+        body = drive.body
+        values = {
+            "sensor": transform.in_body(pose_of(drive.sensor_to_body)),
+            "body": np.array([body.rear, body.front, body.half_width]),
+            "resolution": np.array(drive.grid.resolution),
+            "period": np.array(drive.period * self.stride),
+        }
+        return {name: _tensor(value) for name, value in values.items()}
+
+
+def collate(windows: Sequence[Window]) -> WindowBatch:
+    """A batch of `windows`, which have targets all or none; a copy: what is seen shares no memory with the rest."""
+    if windows[0]["future"] is None:
+        return cast(WindowBatch, default_collate([_without_future(window) for window in windows]) | {"future": None})
+    return cast(WindowBatch, default_collate(list(windows)))
+
+
+def pose_of(transform: FloatArray) -> FloatArray:
+    """The pose (3,) in the plane, x, y and heading, of a rigid transform (4, 4) with x forward."""
+    return np.array([*transform[:2, 3], heading_of(transform)])
+
+
+def _without_future(window: Window) -> dict[str, Any]:
+    return {name: value for name, value in window.items() if name != "future"}
+
+
+def _tensor(array: NDArray[Any]) -> Tensor:
+    """A tensor of the array, in single precision at most; it may share memory with it until windows are collated."""
+    return torch.from_numpy(np.asarray(array, np.float32 if array.dtype == np.float64 else None, order="C"))
 
 
 def _in_float32(grids: NDArray[Any]) -> NDArray[np.float32]:
@@ -128,16 +181,17 @@ def _in_float32(grids: NDArray[Any]) -> NDArray[np.float32]:
     return np.asarray(torch.from_numpy(grids).float().numpy(), np.float32)
 
 
-def every_window(selections: list[Selection], length: int) -> list[Place]:
-    """All windows of `length` frames without a gap, one a start."""
-    return [Place(s.drive, a + k) for s in selections for a, n in s.stretches() for k in range(n - length + 1)]
+def every_window(selections: list[Selection], length: int, stride: int = 1) -> list[Place]:
+    """All windows of `length` frames, `stride` apart, without a gap, one a start."""
+    span = (length - 1) * stride + 1
+    return [Place(s.drive, a + k) for s in selections for a, n in s.stretches() for k in range(n - span + 1)]
 
 
-def windows_in_order(selections: list[Selection], length: int) -> list[Place]:
+def windows_in_order(selections: list[Selection], length: int, stride: int = 1) -> list[Place]:
     """Windows that follow each other without overlap from the start of every stretch, so that a frame counts once."""
-    return [
-        Place(s.drive, a + k) for s in selections for a, n in s.stretches() for k in range(0, n - length + 1, length)
-    ]
+    span = (length - 1) * stride + 1
+    step = length * stride
+    return [Place(s.drive, a + k) for s in selections for a, n in s.stretches() for k in range(0, n - span + 1, step)]
 
 
 class RandomWindows(Sampler[Draw]):

@@ -5,8 +5,7 @@ from abc import abstractmethod
 import torch
 from torch import Tensor
 
-from envpred.datamodules import WindowBatch
-from envpred.errors import UserError
+from envpred.datamodules import Forecast, Needs, Seen
 from envpred.mapping.particle_forecast import HORIZONS
 from envpred.models.forecaster import Forecaster
 
@@ -14,35 +13,32 @@ from envpred.models.forecaster import Forecaster
 class LastFrame(Forecaster):
     """The static baseline: the last frame shown stands for every horizon."""
 
+    role = "static"
+
     def __init__(self, variant: str = "dst_static", given: int = 5) -> None:
         super().__init__(variant, given)
         self.save_hyperparameters()
 
-    def forecast(self, batch: WindowBatch, given: int = 5, horizons: int | None = None) -> Tensor:
-        last = batch["occupancy"][:, given - 1 : given]
-        return last.expand(-1, _horizons(batch, given, horizons), -1, -1)
+    def forecast(self, seen: Seen, horizons: int) -> Forecast:
+        return Forecast(seen["occupancy"][:, -1:].expand(-1, horizons, -1, -1))
 
 
 class ParticleForecast(Forecaster):
     """The particle filter's forecast: moving particles carried on by the linear model (the paper's third baseline)."""
 
-    extra = "particle_forecast"
+    needs = Needs(arrays=("particle_forecast",))
+    role = "particle"
 
     def __init__(self, variant: str = "dst_static", given: int = 5) -> None:
         super().__init__(variant, given)
         self.save_hyperparameters()
 
-    def setup(self, stage: str) -> None:
-        super().setup(stage)
-        horizons = self.dataset.length - self.dataset.given
-        if horizons > HORIZONS:
-            raise UserError(
-                f"particle forecasts reach {HORIZONS} frames, windows ask for {horizons}; give "
-                f"--data.length {self.dataset.given + HORIZONS} or less"
-            )
+    @property
+    def reachable(self) -> int:
+        return HORIZONS
 
-    def forecast(self, batch: WindowBatch, given: int = 5, horizons: int | None = None) -> Tensor:
-        return batch["extra"][:, : _horizons(batch, given, horizons)].float() / 255
+    def forecast(self, seen: Seen, horizons: int) -> Forecast:
+        return Forecast(seen["arrays"]["particle_forecast"][:, -1, :horizons].float() / 255)
 
 
 class _Moved(Forecaster):
@@ -62,7 +58,7 @@ class _Moved(Forecaster):
         self.fill = 0.5 if fill is None else fill
 
     @abstractmethod
-    def centres(self, batch: WindowBatch, given: int, horizons: int) -> Tensor:
+    def centres(self, seen: Seen, horizons: int) -> Tensor:
         """Lattice cells (B, horizons, 2) at the centres of the future grids."""
 
     def setup(self, stage: str) -> None:
@@ -70,39 +66,30 @@ class _Moved(Forecaster):
         if self.hparams["fill"] is None:
             self.fill = self.dataset.training_mean()
 
-    def forecast(self, batch: WindowBatch, given: int = 5, horizons: int | None = None) -> Tensor:
-        last = batch["occupancy"][:, given - 1]
-        centres = self.centres(batch, given, _horizons(batch, given, horizons))
-        shift = centres - batch["centre_cell"][:, given - 1 : given]
-        return torch.stack([_move(grid, moves, self.fill) for grid, moves in zip(last, shift, strict=True)])
+    def forecast(self, seen: Seen, horizons: int) -> Forecast:
+        shift = self.centres(seen, horizons) - seen["centre_cell"][:, -1:]
+        last = seen["occupancy"][:, -1]
+        return Forecast(torch.stack([_move(grid, moves, self.fill) for grid, moves in zip(last, shift, strict=True)]))
 
 
 class MovedLastFrame(_Moved):
     """Moved by the ego's constant speed and turn rate over the frames shown: what the ego's own motion explains."""
 
-    def centres(self, batch: WindowBatch, given: int, horizons: int) -> Tensor:
-        future = extrapolate(batch["pose"][:, :given].double(), horizons)
-        return torch.floor(future[..., :2] + 0.5).to(batch["centre_cell"].dtype)
+    role = "moved"
+
+    def centres(self, seen: Seen, horizons: int) -> Tensor:
+        future = extrapolate(seen["pose"].double(), horizons)
+        return torch.floor(future[..., :2] + 0.5).to(seen["centre_cell"].dtype)
 
 
 class MovedLastFrameOracle(_Moved):
     """Moved by the ego's true motion, which no forecaster knows: what perfect odometry would explain."""
 
-    def setup(self, stage: str) -> None:
-        if stage == "predict" and self.dataset.predict != "test":
-            raise UserError(
-                "the oracle reads the ego's true motion, which windows without targets do not have; give "
-                "--data.predict test, or --config configs/model/moved_last_frame.yaml"
-            )
-        super().setup(stage)
+    needs = Needs(future_pose=True)
+    role = "oracle"
 
-    def centres(self, batch: WindowBatch, given: int, horizons: int) -> Tensor:
-        return batch["centre_cell"][:, given : given + horizons]
-
-
-def _horizons(batch: WindowBatch, given: int, horizons: int | None) -> int:
-    """Forecasts asked for, by default one for each frame of the batch after those shown."""
-    return batch["occupancy"].shape[1] - given if horizons is None else horizons
+    def centres(self, seen: Seen, horizons: int) -> Tensor:
+        return seen["future_centre_cell"][:, :horizons]
 
 
 def extrapolate(poses: Tensor, steps: int) -> Tensor:

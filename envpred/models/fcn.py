@@ -1,13 +1,9 @@
 """FCN as a forecaster: one grid in, one map of probability per horizon out (Itkina et al. 2019, IV-B)."""
 
-from typing import Any
-
 import torch
-from lightning.pytorch.callbacks import Callback, ModelCheckpoint
 from torch import Tensor
 
-from envpred.datamodules import WindowBatch
-from envpred.errors import UserError
+from envpred.datamodules import Forecast, Seen, WindowBatch
 from envpred.models.forecaster import Forecaster
 from envpred.networks.fcn import FCN8s
 
@@ -45,35 +41,20 @@ class FCNForecaster(Forecaster):
     def epochs(self) -> int:
         return int(self.hparams["max_epochs"])
 
-    def setup(self, stage: str) -> None:
-        super().setup(stage)
-        horizons = self.dataset.length - self.dataset.given
-        if horizons > self.hparams["horizons"]:
-            raise UserError(
-                f"--model.horizons {self.hparams['horizons']}: windows of {self.dataset.length} frames with "
-                f"{self.dataset.given} shown need {horizons} forecasts; give "
-                f"--data.length {self.dataset.given + self.hparams['horizons']} or less"
-            )
+    @property
+    def reachable(self) -> int:
+        return int(self.hparams["horizons"])
 
-    def forecast(self, batch: WindowBatch, given: int = 5, horizons: int | None = None) -> Tensor:
-        frames = batch["frames"]
-        maps: Tensor = self.network(frames[:, given - 1])
-        return maps[:, : frames.shape[1] - given if horizons is None else horizons]
+    def forecast(self, seen: Seen, horizons: int) -> Forecast:
+        maps: Tensor = self.network(seen["frames"][:, -1])
+        return Forecast(maps[:, :horizons])
 
     def training_step(self, batch: WindowBatch, batch_index: int) -> Tensor:
-        loss = (self.forecast(batch, self.given) - batch["occupancy"][:, self.given :]).abs().mean()
-        self.log("train/loss", loss, prog_bar=True, batch_size=len(batch["frames"]))
+        assert batch["future"] is not None
+        target = batch["future"]["occupancy"]
+        loss = (self.forecast(batch["seen"], target.shape[1]).probability - target).abs().mean()
+        self.log("train/loss", loss, prog_bar=True, batch_size=len(target))
         return loss
 
     def configure_optimizers(self) -> torch.optim.Adam:
         return torch.optim.Adam(self.parameters(), lr=self.hparams["lr"])
-
-    def configure_callbacks(self) -> list[Callback]:
-        """The best checkpoint by validation error, and the last to resume from."""
-        if not any(isinstance(c, ModelCheckpoint) for c in self.trainer.callbacks):  # type: ignore[attr-defined]
-            return []  # checkpoints are switched off
-        options: dict[str, Any] = {"save_on_train_epoch_end": True, "enable_version_counter": False}
-        return [
-            ModelCheckpoint(monitor="val/mse", filename="best", auto_insert_metric_name=False, **options),
-            ModelCheckpoint(filename="last", **options),
-        ]

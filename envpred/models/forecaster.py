@@ -1,25 +1,29 @@
-"""What all forecasters share: validation, test and prediction are written once, here; only training differs."""
+"""What all forecasters share: validation, test and prediction are written once, here; only training differs.
+
+A new forecaster is one file: a subclass that implements `forecast`, and says what it needs, what it is, how it trains.
+"""
 
 import time
 from abc import abstractmethod
-from collections.abc import Mapping
-from pathlib import Path
-from typing import Any, cast
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, ClassVar, cast
 
 import torch
 from lightning.pytorch import LightningModule
-from lightning.pytorch.utilities import rank_zero_info
-from torch import Tensor
+from lightning.pytorch.callbacks import Callback, ModelCheckpoint
 from torch.utils.flop_counter import FlopCounterMode
 from torchmetrics import MetricCollection
 
-from envpred.datamodules import GridDataModule, WindowBatch
+from envpred.datamodules import Forecast, GridDataModule, Needs, Role, Seen, WindowBatch
+from envpred.datamodules.seen import seen_of
 from envpred.datamodules.variants import variant as variant_of
+from envpred.datamodules.windows import collate
 from envpred.errors import UserError
-from envpred.horizons import SHOWN_HORIZONS, horizon_name
+from envpred.horizons import horizon_name, shown_steps
+from envpred.mapping.mapper import Mapped, Mapper
 from envpred.metrics.collection import forecast_metrics
 from envpred.metrics.horizon_mse import HorizonMSE
-from envpred.results.result import write_test_result
+from envpred.metrics.windows import WindowMetric
 
 
 class Forecaster(LightningModule):
@@ -30,48 +34,61 @@ class Forecaster(LightningModule):
         given: frames shown before the first that is forecast; its data module's.
     """
 
+    # What it reads beside its variant's frames; where that depends on arguments, an instance says so itself.
+    needs: Needs = Needs()
+    # What it is, for tables and pictures: a baseline says so, and whoever reads the future is an oracle.
+    role: ClassVar[Role] = "learned"
     # Hyperparameters that decide which weights there are; a checkpoint with others does not fit.
-    shaping: tuple[str, ...] = ("variant",)
-    # Stored array that it reads beside its variant, at the last frame shown.
-    extra: str | None = None
+    shaping: ClassVar[tuple[str, ...]] = ("variant",)
 
-    def __init__(self, variant: str, given: int) -> None:
+    def __init__(self, variant: str = "dst_static", given: int = 5) -> None:
         super().__init__()
+        if self.needs.future_pose != (self.role == "oracle"):
+            raise TypeError(f"{type(self).__name__}: whoever needs future poses is an oracle, and nobody else")
         self.variant, self.given = variant, given
         self.view = variant_of(variant)
         self.scores, self.static = MetricCollection({}), HorizonMSE()
-        self.forecast_seconds = 0.0
+        self.extra_metrics: Sequence[Callable[[int], WindowMetric]] = ()
+        self.tested: dict[str, Any] = {}
+        self.forecast_seconds, self.forecast_windows = 0.0, 0
 
     @abstractmethod
-    def forecast(self, batch: WindowBatch, given: int = 5, horizons: int | None = None) -> Tensor:
-        """Probability of occupied (B, horizons, H, W) in [0, 1] of the frames after the first `given`.
+    def forecast(self, seen: Seen, horizons: int) -> Forecast:
+        """The forecast of the `horizons` frames that follow what is seen."""
 
-        By default of as many as the batch holds after those; a forecaster that reads the `given` frames alone may be
-        asked for any number, of a batch that holds no more.
-        """
+    @property
+    def epochs(self) -> int | None:
+        """Epochs that training takes; None leaves them to the trainer."""
+        return 0 if self.is_fixed else None
 
-    def configure_optimizers(self) -> torch.optim.Optimizer | None:
-        """The optimiser; a forecaster without parameters has none."""
+    @property
+    def reachable(self) -> int | None:
+        """Horizons that it can forecast at most; None for any number."""
         return None
 
     @property
-    def epochs(self) -> int:
-        """Epochs that training takes."""
-        return 0
+    def is_fixed(self) -> bool:
+        """Whether it has no parameters, so that there is nothing to train."""
+        return not any(True for _ in self.parameters())
 
-    def flops(self, length: int, given: int) -> int | None:
-        """Floating-point operations of the forecast of one window of `length` frames (a multiply-add is two).
+    def configure_optimizers(self) -> Any:
+        """The optimiser; a forecaster without parameters has none."""
+        return None if self.is_fixed else torch.optim.Adam(self.parameters(), lr=1e-3)
 
-        Those of convolutions and matrix products, counted as they run; None where nothing is learned.
-        """
-        if not any(True for _ in self.parameters()):
-            return None
-        cells = self.dataset.cells
-        frames = torch.zeros(1, length, len(self.view.channels), cells, cells, device=self.device)
-        batch = cast(WindowBatch, {"frames": frames, "occupancy": frames[:, :, 0]})
-        with torch.no_grad(), FlopCounterMode(display=False) as counter:
-            self.forecast(batch, given)
-        return int(counter.get_total_flops())
+    def configure_callbacks(self) -> list[Callback]:
+        """The best checkpoint by validation error, and the last to resume from."""
+        if self.is_fixed or not self.keeps_checkpoints:
+            return []
+        options: dict[str, Any] = {"save_on_train_epoch_end": True, "enable_version_counter": False}
+        return [
+            ModelCheckpoint(monitor="val/mse", filename="best", auto_insert_metric_name=False, **options),
+            ModelCheckpoint(filename="last", **options),
+        ]
+
+    @property
+    def keeps_checkpoints(self) -> bool:
+        """Whether the trainer keeps checkpoints at all."""
+        return any(isinstance(c, ModelCheckpoint) for c in self.trainer.callbacks)  # type: ignore[attr-defined]
 
     @property
     def dataset(self) -> GridDataModule:
@@ -80,15 +97,84 @@ class Forecaster(LightningModule):
         return data
 
     def setup(self, stage: str) -> None:
-        horizons = self.dataset.length - self.dataset.given
+        horizons = self.dataset.horizons
+        if self.reachable is not None and horizons > self.reachable:
+            raise UserError(
+                f"{type(self).__name__} reaches {self.reachable} frames ahead, windows of {self.dataset.length} frames "
+                f"with {self.given} shown ask for {horizons}; give --data.length {self.given + self.reachable} or less"
+            )
+        if self.needs.future_pose and stage == "predict" and self.dataset.predict != "test":
+            raise UserError(
+                f"{type(self).__name__} reads the ego's true motion, which windows without targets do not have; give "
+                "--data.predict test, or another forecaster"
+            )
+        if stage == "fit":
+            self._limit_epochs()
         self.static = HorizonMSE(horizons).to(self.device)
-        chosen = forecast_metrics(horizons) if stage == "test" else MetricCollection({"mse": HorizonMSE(horizons)})
+        chosen = (
+            forecast_metrics(horizons, extra=self.extra_metrics)
+            if stage == "test"
+            else MetricCollection({"mse": HorizonMSE(horizons)})
+        )
         self.scores = chosen.to(self.device)
 
-    def score(self, batch: WindowBatch, forecast: Tensor) -> None:
+    def _limit_epochs(self) -> None:
+        """The schedule is the model's; --trainer.max_epochs can only cut it short."""
+        if self.is_fixed:
+            raise UserError(f"{type(self).__name__} has no parameters, so there is nothing to fit; `envpred test` it")
+        if self.epochs is not None:
+            limit = self.trainer.max_epochs
+            self.trainer.fit_loop.max_epochs = self.epochs if limit in (None, -1) else min(int(limit or 0), self.epochs)
+
+    def forecast_checked(self, seen: Seen, horizons: int) -> Forecast:
+        """The forecast, which must be what was asked for.
+
+        Raises:
+            UserError: if it has other horizons, or other cells than what is seen.
+        """
+        forecast = self.forecast(seen, horizons)
+        windows, _, height, width = seen["occupancy"].shape
+        asked = (windows, horizons, height, width)
+        if tuple(forecast.probability.shape) != asked:
+            raise UserError(
+                f"{type(self).__name__} forecast {tuple(forecast.probability.shape)} where (windows, horizons, cells, "
+                f"cells) = {asked} was asked for; mend its `forecast`, or say how far it goes by `reachable`"
+            )
+        return forecast
+
+    def see(self, mapper: Mapper, mapped: Sequence[Mapped]) -> Seen:
+        """What this forecaster sees of the newest of the frames `mapped` by `mapper`, as a batch of one window.
+
+        Raises:
+            UserError: if there are fewer frames than it is shown, or it needs what the mapper does not make.
+        """
+        if len(mapped) < self.given:
+            raise UserError(f"{len(mapped)} frames mapped, {type(self).__name__} sees {self.given}; map more first")
+        seen = seen_of(mapper, mapped[-self.given :], self.view, self.needs)
+        return cast(Seen, self.transfer_batch_to_device(seen, self.device, 0))
+
+    def work(self, batch: WindowBatch) -> int | None:
+        """Floating-point operations of the forecast of a `batch` (a multiply-add is two).
+
+        Those of convolutions and matrix products, counted as they run; None where nothing is learned.
+        """
+        if self.is_fixed:
+            return None
+        with torch.no_grad(), FlopCounterMode(display=False) as counter:
+            self.forecast(batch["seen"], self.dataset.horizons)
+        return int(counter.get_total_flops())
+
+    def batch_of(self, part: str, index: int) -> WindowBatch:
+        """A batch of one window of the data module's `part`, on this model's device."""
+        batch = collate([self.dataset.datasets[part][index]])
+        return cast(WindowBatch, self.transfer_batch_to_device(batch, self.device, 0))
+
+    def score(self, batch: WindowBatch, forecast: Forecast) -> None:
         """Count a batch's forecast, and the last frame shown as the static baseline's."""
-        target, last = batch["occupancy"][:, self.given :], batch["occupancy"][:, self.given - 1]
-        self.scores.update(forecast, target, last, batch["index"])
+        future, last = batch["future"], batch["seen"]["occupancy"][:, -1]
+        assert future is not None  # only prediction goes without
+        target = future["occupancy"]
+        self.scores.update(forecast.probability, target, last, batch["index"])
         self.static.update(last[:, None].expand_as(target), target, last, batch["index"])
 
     def scored(self) -> dict[str, Any]:
@@ -99,42 +185,44 @@ class Forecaster(LightningModule):
         return found
 
     def validation_step(self, batch: WindowBatch, batch_index: int) -> None:
-        self.score(batch, self.forecast(batch, self.given))
+        self.score(batch, self.forecast_checked(batch["seen"], self.dataset.horizons))
 
     def on_validation_epoch_end(self) -> None:
         found = self.scored()
         mse, static = found["mse"], found["static_mse"]
         self.log("val/mse", mse.mean.mean().float(), prog_bar=True)
         self.log("val/skill", (1 - mse.mean.mean() / static.mean.mean()).float())
-        for horizon in (h for h in SHOWN_HORIZONS if h <= len(mse.mean)):
-            self.log(f"val/mse_{horizon_name(horizon)}", mse.mean[horizon - 1].float())
-            self.log(f"static/mse_{horizon_name(horizon)}", static.mean[horizon - 1].float())
+        for step, name in self._shown():
+            self.log(f"val/mse_{name}", mse.mean[step - 1].float())
+            self.log(f"static/mse_{name}", static.mean[step - 1].float())
 
     def test_step(self, batch: WindowBatch, batch_index: int) -> None:
         start = time.perf_counter()
-        forecast = self.forecast(batch, self.given)
-        if forecast.is_cuda:
+        forecast = self.forecast_checked(batch["seen"], self.dataset.horizons)
+        if forecast.probability.is_cuda:
             torch.cuda.synchronize()
         self.forecast_seconds += time.perf_counter() - start
+        self.forecast_windows += len(forecast.probability)  # of this process, as the seconds are
         self.score(batch, forecast)
 
+    def on_test_epoch_start(self) -> None:
+        self.forecast_seconds, self.forecast_windows = 0.0, 0
+
     def on_test_epoch_end(self) -> None:
-        found = self.scored()
-        mse, skill = found["mse"], found["skill"]
-        for horizon in (h for h in SHOWN_HORIZONS if h <= len(mse.mean)):
-            self.log(f"test/mse_{horizon_name(horizon)}", mse.mean[horizon - 1].float())
-            self.log(f"test/skill_{horizon_name(horizon)}", skill.value[horizon - 1].float())
-        metrics = {name: value.as_json() for name, value in found.items()}
-        folder = Path(self.trainer.log_dir or self.trainer.default_root_dir)  # all processes agree on it together
-        if self.trainer.is_global_zero and not self.trainer.fast_dev_run:  # type: ignore[attr-defined]
-            file = write_test_result(self, folder, metrics, self.forecast_seconds / max(len(mse.index), 1))
-            rank_zero_info(f"result: {file}")
-        self.forecast_seconds = 0.0
+        self.tested = found = self.scored()
+        for step, name in self._shown():
+            self.log(f"test/mse_{name}", found["mse"].mean[step - 1].float())
+            self.log(f"test/skill_{name}", found["skill"].value[step - 1].float())
+
+    def _shown(self) -> list[tuple[int, str]]:
+        """The horizons that are logged one by one, as steps, and their names."""
+        period = self.dataset.period
+        return [(step, horizon_name(step, period)) for step in shown_steps(self.dataset.horizons, period)]
 
     def predict_step(self, batch: WindowBatch, batch_index: int) -> Mapping[str, Any]:
         """The forecast (B, horizons, H, W) of a batch, and which windows it belongs to."""
         return {
-            "forecast": self.forecast(batch, self.given, self.dataset.length - self.dataset.given),
+            "forecast": self.forecast_checked(batch["seen"], self.dataset.horizons).probability,
             "drive": batch["drive"],
             "start": batch["start"],
             "index": batch["index"],
@@ -142,6 +230,7 @@ class Forecaster(LightningModule):
 
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         checkpoint["forecaster"] = type(self).__name__
+        checkpoint["class_path"] = f"{type(self).__module__}.{type(self).__qualname__}"
 
     def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         """Refuse a checkpoint whose weights belong to another forecaster or variant.

@@ -10,7 +10,7 @@ from lightning.pytorch.trainer.states import TrainerFn
 from lightning.pytorch.utilities import rank_zero_info, rank_zero_warn
 from torch import Tensor
 
-from envpred.datamodules import WindowBatch
+from envpred.datamodules import Forecast, Seen, WindowBatch
 from envpred.errors import UserError
 from envpred.models.checkpoints import StageCheckpoint, read_checkpoint
 from envpred.models.forecaster import Forecaster
@@ -96,15 +96,15 @@ class PredNetForecaster(Forecaster):
         training = self.trainer.state.fn == TrainerFn.FITTING
         return "t1" if training and self.trainer.current_epoch < self.hparams["t1_epochs"] else "t5"
 
-    def forecast(self, batch: WindowBatch, given: int = 5, horizons: int | None = None) -> Tensor:
-        return self.view.probability(self.forecast_frames(batch, given, horizons)).clamp(0, 1)
+    def forecast(self, seen: Seen, horizons: int) -> Forecast:
+        frames = seen["frames"]
+        given = frames.shape[1]
+        predictions: Tensor = self.network(frames, given=given, steps=given + horizons)
+        return self._forecast(predictions[:, given:])
 
-    def forecast_frames(self, batch: WindowBatch, given: int = 5, horizons: int | None = None) -> Tensor:
-        """All channels (B, horizons, C, H, W) of the frames after the first `given`."""
-        frames = batch["frames"]
-        steps = frames.shape[1] if horizons is None else given + horizons
-        predictions: Tensor = self.network(frames[:, :given], given=given, steps=steps)
-        return predictions[:, given:]
+    def _forecast(self, channels: Tensor) -> Forecast:
+        """The forecast of all `channels` (B, N, C, H, W)."""
+        return Forecast(self.view.probability(channels).clamp(0, 1), channels)
 
     def t1_loss(self, frames: Tensor) -> Tensor:
         """Error of the prediction of every frame but the first, all frames shown, weighed over layers."""
@@ -118,18 +118,18 @@ class PredNetForecaster(Forecaster):
         return 0.5 * (error.abs() if self.hparams["t5_error"] == "absolute" else error.square()).mean()
 
     def training_step(self, batch: WindowBatch, batch_index: int) -> Tensor:
-        frames, stage = batch["frames"], self.stage
+        frames, stage = _frames(batch), self.stage
         loss = self.t1_loss(frames) if stage == "t1" else self.t5_loss(frames, self.network(frames, given=self.given))
         self.log(f"train/loss_{stage}", loss, prog_bar=True, on_step=True, batch_size=len(frames))
         return loss
 
     def validation_step(self, batch: WindowBatch, batch_index: int) -> None:
-        frames, stage = batch["frames"], self.stage
+        frames, stage = _frames(batch), self.stage
         predictions = self.network(frames, given=self.given)
         loss = self.t1_loss(frames) if stage == "t1" else self.t5_loss(frames, predictions)
         self.log(f"val/loss_{stage}", loss, batch_size=len(frames), sync_dist=True)
-        forecast = self.view.probability(predictions[:, self.given :]).clamp(0, 1)
-        self.spread = torch.maximum(self.spread, forecast.amax() - forecast.amin())
+        forecast = self._forecast(predictions[:, self.given :])
+        self.spread = torch.maximum(self.spread, forecast.probability.amax() - forecast.probability.amin())
         self.score(batch, forecast)
 
     def on_validation_epoch_start(self) -> None:
@@ -179,8 +179,8 @@ class PredNetForecaster(Forecaster):
 
     def configure_callbacks(self) -> list[Callback]:
         """The best checkpoint of each stage by its own loss, and the last to resume from."""
-        if not any(isinstance(c, ModelCheckpoint) for c in self.trainer.callbacks):  # type: ignore[attr-defined]
-            return []  # checkpoints are switched off
+        if not self.keeps_checkpoints:
+            return []
         last = ModelCheckpoint(filename="last", save_on_train_epoch_end=True, enable_version_counter=False)
         return [StageCheckpoint("t1", "best_t1"), StageCheckpoint("t5", "best"), last]
 
@@ -196,12 +196,7 @@ class PredNetForecaster(Forecaster):
                     f"--model.channels '{channels}': so many layers halve the grid {halvings} times, but the {what}'s "
                     f"side of {cells} cells is no multiple of {2**halvings}; give fewer"
                 )
-        if stage != "fit":
-            return
-        # The schedule is the model's; --trainer.max_epochs can only cut it short.
-        limit = self.trainer.max_epochs
-        self.trainer.fit_loop.max_epochs = self.epochs if limit in (None, -1) else min(int(limit or 0), self.epochs)
-        if self.init_from and not self.trainer.ckpt_path:
+        if stage == "fit" and self.init_from and not self.trainer.ckpt_path:
             self._initialise(Path(self.init_from))
 
     def _initialise(self, file: Path) -> None:
@@ -229,3 +224,9 @@ class PredNetForecaster(Forecaster):
             changed = [f"{k} {v} (was {theirs[k]})" for k, v in self.hparams.items() if k in theirs and theirs[k] != v]
             if changed:
                 rank_zero_info(f"resumed with other values than before, as the command says: {', '.join(changed)}")
+
+
+def _frames(batch: WindowBatch) -> Tensor:
+    """All frames (B, T, C, H, W) of windows with targets: those shown and those to come."""
+    assert batch["future"] is not None
+    return torch.cat([batch["seen"]["frames"], batch["future"]["frames"]], dim=1)

@@ -71,7 +71,7 @@ def test_variants_read_what_was_built(store: Path) -> None:
     build_dogma(store, SMALL, workers=1)
     data = GridDataModule(store, "dst_dogma", length=6, given=2, test=["a"])
     data.setup("test")
-    frames = data.datasets["test"][0]["frames"]
+    frames = data.datasets["test"][0]["seen"]["frames"]
     assert frames.shape == (6, 4, 16, 16)
     stored = np.asarray(Store(store).drives["a"].array("velocity")[:6], np.float32) / VELOCITY_SCALE
     seen = frames[:, 2:].numpy()

@@ -1,4 +1,5 @@
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -27,6 +28,11 @@ def data(store: Path, **options: object) -> GridDataModule:
     return GridDataModule(store, length=LENGTH, given=3, **options)  # type: ignore[arg-type]
 
 
+def whole(batch: Any, name: str) -> torch.Tensor:
+    """A field of all frames of a batch or a window, those shown and those to come."""
+    return torch.cat([batch["seen"][name], batch["future"][name]], dim=int(isinstance(batch["index"], torch.Tensor)))
+
+
 def test_windows_in_order_take_each_frame_once_and_cross_no_gap(store: Path) -> None:
     module = data(store, train=["a"], val=["a"], test=["b"])
     module.setup("test")
@@ -46,12 +52,20 @@ def test_a_batch_is_what_the_store_holds(store: Path) -> None:
     mass = drive.array("evidence").astype(np.float32)
     for b, start in enumerate((0, LENGTH)):
         cut = slice(start, start + LENGTH)
-        np.testing.assert_array_equal(batch["frames"][b], mass[cut])
-        np.testing.assert_array_equal(batch["occupancy"][b], pignistic(mass[cut]))
-        np.testing.assert_array_equal(batch["centre_cell"][b], drive.array("centre_cell")[cut])
+        np.testing.assert_array_equal(whole(batch, "frames")[b], mass[cut])
+        np.testing.assert_array_equal(whole(batch, "occupancy")[b], pignistic(mass[cut]))
+        np.testing.assert_array_equal(whole(batch, "label")[b], drive.array("label")[cut])
+        np.testing.assert_array_equal(whole(batch, "centre_cell")[b], drive.array("centre_cell")[cut])
         cells = (drive.array("pose")[cut, :2, 3] - drive.origin) * 3
-        np.testing.assert_allclose(batch["pose"][b, :, :2], cells, rtol=1e-6)
-        np.testing.assert_array_equal(batch["pose"][b, :, 2], np.zeros(LENGTH))
+        np.testing.assert_allclose(whole(batch, "pose")[b, :, :2], cells, rtol=1e-6)
+        np.testing.assert_array_equal(whole(batch, "pose")[b, :, 2], np.zeros(LENGTH))
+    seen = batch["seen"]
+    assert seen["frames"].shape[1] == 3
+    np.testing.assert_allclose(seen["time"], [[-0.2, -0.1, 0.0]] * 2, atol=1e-6)
+    np.testing.assert_allclose(seen["sensor"], [[*drive.sensor_to_body[:2, 3], 0.0]] * 2)
+    np.testing.assert_allclose(seen["body"], [[-0.81, 1.95, 0.8]] * 2)
+    np.testing.assert_allclose(seen["resolution"], [1 / 3] * 2)
+    np.testing.assert_allclose(seen["period"], [0.1] * 2)
     assert batch["drive"] == ["c", "c"]
     assert batch["index"].tolist() == [0, 1]
     assert batch["start"].tolist() == [0, LENGTH]
@@ -61,7 +75,7 @@ def test_prob_static_is_pignistic(store: Path) -> None:
     module = data(store, variant="prob_static", test=["c"])
     module.setup("test")
     window = module.datasets["test"][0]
-    torch.testing.assert_close(window["frames"][:, 0], window["occupancy"])
+    torch.testing.assert_close(whole(window, "frames")[:, 0], whole(window, "occupancy"))
 
 
 def test_probability_of_forecast_channels() -> None:
@@ -88,29 +102,30 @@ def test_training_windows_are_turned_whole(store: Path) -> None:
     module.setup("fit")
     windows = module.datasets["train"]
     plain, turned = windows[3], windows[Draw(3, 5)]
-    torch.testing.assert_close(turned["frames"], plain["frames"].transpose(-1, -2).flip(-1))
-    torch.testing.assert_close(turned["occupancy"], plain["occupancy"].transpose(-1, -2).flip(-1))
-    assert turned["pose"][1, 1] - turned["pose"][0, 1] == pytest.approx(-1 / 3, abs=1e-4)  # east has become south
+    for name in ("frames", "occupancy", "label"):
+        torch.testing.assert_close(whole(turned, name), whole(plain, name).transpose(-1, -2).flip(-1))
+    pose = whole(turned, "pose")
+    assert pose[1, 1] - pose[0, 1] == pytest.approx(-1 / 3, abs=1e-4)  # east has become south
 
 
 def test_a_crop_is_the_same_part_of_every_frame(store: Path) -> None:
-    whole = data(store, train=["a"], val=["c"], augment=True)
+    uncut = data(store, train=["a"], val=["c"], augment=True)
     cropped = data(store, train=["a"], val=["c"], augment=True, crop=6)
-    for module in (whole, cropped):
+    for module in (uncut, cropped):
         module.setup("fit")
-    cells = whole.cells
+    cells = uncut.cells
     item = cropped.datasets["train"][Draw(3, 5, (2, 7))]
-    full = whole.datasets["train"][Draw(3, 5)]
-    torch.testing.assert_close(item["frames"], full["frames"][..., 2:8, 7:13])
-    torch.testing.assert_close(item["occupancy"], full["occupancy"][..., 2:8, 7:13])
+    full = uncut.datasets["train"][Draw(3, 5)]
+    for name in ("frames", "occupancy", "label"):
+        torch.testing.assert_close(whole(item, name), whole(full, name)[..., 2:8, 7:13])
     # The middle of the part, cell 3 of 6, is cell 5 and 10 of the whole grid.
-    shift = torch.tensor([5 - cells // 2, 10 - cells // 2])
-    torch.testing.assert_close(item["centre_cell"], full["centre_cell"] + shift)
-    assert cropped.datasets["val"][0]["occupancy"].shape[-1] == cells
+    shift = torch.tensor([5 - cells // 2, 10 - cells // 2], dtype=torch.int32)
+    torch.testing.assert_close(whole(item, "centre_cell"), whole(full, "centre_cell") + shift)
+    assert cropped.datasets["val"][0]["seen"]["occupancy"].shape[-1] == cells
     corners = {draw.corner for draw in cropped.train_dataloader().sampler}
     assert max(max(c) for c in corners) <= cells - 6
     assert len(corners) > 10
-    assert {w["occupancy"].shape[-1] for w in cropped.train_dataloader()} == {6}
+    assert {w["seen"]["occupancy"].shape[-1] for w in cropped.train_dataloader()} == {6}
 
 
 @pytest.mark.parametrize("crop", [0, 10_000])

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 import torch
 from numpy.typing import NDArray
-from torch import Tensor, nn
+from torch import nn
 
-from envpred.datamodules import WindowBatch
+from envpred.datamodules import Forecast, Seen
 from envpred.mapping.evidence import pignistic
 from envpred.models import LastFrame
 from envpred.models.forecaster import Forecaster
@@ -78,9 +78,8 @@ class OneConvolution(Forecaster):
         super().__init__("dst_static", given=3)
         self.kernel = nn.Conv2d(2, 1, 3, padding=1)
 
-    def forecast(self, batch: WindowBatch, given: int = 5, horizons: int | None = None) -> Tensor:
-        steps = batch["frames"].shape[1] - given if horizons is None else horizons
-        return torch.cat([self.kernel(batch["frames"][:, given - 1]) for _ in range(steps)], 1)
+    def forecast(self, seen: Seen, horizons: int) -> Forecast:
+        return Forecast(torch.cat([self.kernel(seen["frames"][:, -1]) for _ in range(horizons)], 1))
 
 
 def test_work_is_counted(store: Path, tmp_path: Path) -> None:

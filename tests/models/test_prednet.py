@@ -11,7 +11,7 @@ from torch import Tensor
 from envpred.errors import UserError
 from envpred.models import LastFrame, PredNetForecaster
 from envpred.models.checkpoints import StageCheckpoint, read_checkpoint
-from tests.models.trainers import grids, prednet, trainer
+from tests.models.trainers import grids, prednet, seen, trainer
 
 
 def losses(folder: Path) -> dict[int, tuple[str, str]]:
@@ -84,29 +84,28 @@ def test_forecast_is_the_pignistic_probability_of_predictions_after_those_shown(
     frames = torch.rand(1, 8, 2, 16, 16)
     predictions = model.network(frames, given=3)
     expected = 0.5 * predictions[:, 3:, 0] + 0.5 * (1 - predictions[:, 3:, 1])
-    batch: Any = {"frames": frames}
-    torch.testing.assert_close(model.forecast(batch, 3), expected)
-    future: Any = {"frames": torch.cat([frames[:, :3], torch.rand(1, 5, 2, 16, 16)], 1)}
-    torch.testing.assert_close(model.forecast(future, 3), model.forecast(batch, 3))  # the future is not looked at
+    forecast = model.forecast(seen(frames=frames[:, :3]), 5)
+    torch.testing.assert_close(forecast.probability, expected)
+    torch.testing.assert_close(forecast.channels, predictions[:, 3:])
 
 
 def test_two_stages_in_one_run(store: Path, tmp_path: Path) -> None:
     model, run = prednet(), trainer(tmp_path, callbacks=[])
-    seen: dict[str, Tensor | int] = {}
+    watched: dict[str, Tensor | int] = {}
 
     class Watch(Callback):
         def on_train_batch_start(self, trainer: Trainer, pl_module: Any, batch: Any, index: int) -> None:
             if trainer.current_epoch == 3 and index == 0:
-                seen["state"] = len(trainer.optimizers[0].state)
-                seen["weight"] = pl_module.network.gates[0].weight.detach().clone()
+                watched["state"] = len(trainer.optimizers[0].state)
+                watched["weight"] = pl_module.network.gates[0].weight.detach().clone()
 
     callbacks(run).insert(0, Watch())
     run.fit(model, datamodule=grids(store))
     assert run.current_epoch == 6
     assert [stage for stage, _ in losses(tmp_path).values()] == ["t1"] * 12 + ["t5"] * 12
-    assert seen["state"] == 0  # a fresh Adam
+    assert watched["state"] == 0  # a fresh Adam
     weights = read_checkpoint(best(run, "t1"))["state_dict"]["network.gates.0.weight"]
-    torch.testing.assert_close(seen["weight"], weights, rtol=0, atol=0)
+    torch.testing.assert_close(watched["weight"], weights, rtol=0, atol=0)
     assert best(run, "t5").name == "best.ckpt"
 
 

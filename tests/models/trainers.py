@@ -1,12 +1,14 @@
 """Trainers and tiny forecasters for tests."""
 
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from lightning.pytorch import Trainer, seed_everything
 from lightning.pytorch.loggers import CSVLogger
+from torch import Tensor
 
-from envpred.datamodules import GridDataModule
+from envpred.callbacks import ResultWriter
+from envpred.datamodules import GridDataModule, Seen
 from envpred.models import PredNetForecaster
 
 
@@ -20,7 +22,13 @@ def trainer(folder: Path, **options: Any) -> Trainer:
         "log_every_n_steps": 1,
         "num_sanity_val_steps": 0,
     }
+    options["callbacks"] = [ResultWriter(), *options.get("callbacks", [])]
     return Trainer(**(defaults | options))
+
+
+def seen(**fields: Tensor) -> Seen:
+    """What a forecaster sees, as far as a test needs it."""
+    return cast(Seen, fields)
 
 
 def prednet(**options: Any) -> PredNetForecaster:

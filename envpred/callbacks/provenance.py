@@ -1,0 +1,35 @@
+"""How forecasts were made: what a result and a manifest of predictions say of model, data, command and revision."""
+
+import os
+import sys
+from typing import Any
+
+from envpred.models import Forecaster
+from envpred.results.result import revision, short_name
+
+
+def provenance(forecaster: Forecaster, part: str) -> dict[str, Any]:
+    """How the forecasts of the windows of `part` were made, as plain data."""
+    trainer, data = forecaster.trainer, forecaster.dataset
+    return {
+        "model": {
+            "name": short_name(type(forecaster).__name__),
+            "class_path": f"{type(forecaster).__module__}.{type(forecaster).__qualname__}",
+            "parameters": sum(p.numel() for p in forecaster.parameters()),
+            "flops": forecaster.work(forecaster.batch_of(part, 0)),
+            "hyperparameters": dict(forecaster.hparams),
+        },
+        "role": forecaster.role,
+        "variant": data.variant,
+        "data": data.describe(part),
+        "seed": _seed(),
+        "revision": revision(),
+        "command": " ".join(["envpred", *sys.argv[1:]]),
+        "checkpoint": str(trainer.ckpt_path) if trainer.ckpt_path else None,
+        "horizon_s": [round(data.period * (h + 1), 6) for h in range(data.horizons)],
+    }
+
+
+def _seed() -> int | None:
+    seed = os.environ.get("PL_GLOBAL_SEED")
+    return int(seed) if seed is not None else None

@@ -1,0 +1,42 @@
+"""A configuration that a run saved works with every subcommand."""
+
+import json
+from pathlib import Path
+
+import pytest
+import yaml
+
+from envpred.cli import main
+from envpred.cli.configs import portable
+from envpred.results.result import RESULT
+from tests.store.stores import write_store
+
+QUIET = ["--trainer.accelerator=cpu", "--trainer.enable_progress_bar=false", "--trainer.enable_model_summary=false"]
+
+
+def test_every_subcommand_reads_what_every_other_saved(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    write_store(tmp_path / "grids", {name: list(range(40)) for name in "abc"})
+    model = ["--model=PredNetForecaster", "--model.channels=[4]", "--model.t1_epochs=1", "--model.t5_epochs=1"]
+    main(["fit", *model, "--data.store=grids", "--data.samples=2", *QUIET])
+    run = tmp_path / "runs" / "prednet" / "dst_static"
+    saved = {"fit": run / "version_0" / "config.yaml"}
+    for number, command in enumerate(("validate", "test", "predict"), 1):
+        main([command, "--config", str(saved["fit"]), "--ckpt_path=best"])
+        saved[command] = run / f"version_{number}" / "config.yaml"
+    for made_by, file in saved.items():
+        for command in ("fit", "validate", "test", "predict"):
+            main([command, "--config", str(file), "--trainer.fast_dev_run=true"])
+        assert yaml.safe_load(file.read_text())["data"]["store"] == "grids", made_by
+    tested = json.loads((run / "version_2" / RESULT).read_text())
+    assert Path(tested["checkpoint"]).name == "best.ckpt"
+
+
+def test_training_does_not_go_on_from_a_checkpoint_that_was_tested(tmp_path: Path) -> None:
+    file = tmp_path / "test.yaml"
+    file.write_text("data: {samples: 3}\nckpt_path: best.ckpt\nweights_only: true\nverbose: true\n")
+    for args in (["fit", "-c", str(file)], ["fit", f"--config={file}"]):
+        assert yaml.safe_load(portable(args)[-1].removeprefix("--config=")) == {"data": {"samples": 3}}
+    kept = yaml.safe_load(portable(["predict", "--config", str(file)])[-1])
+    assert kept["ckpt_path"] == "best.ckpt"
+    assert portable(["test", "--config", str(file)]) == ["test", "--config", str(file)]

@@ -1,0 +1,86 @@
+"""What users add in files of their own: the examples, run by the command line from the folder that they lie in."""
+
+import json
+import shutil
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from envpred.cli import main
+from envpred.models.loading import load_forecaster
+from envpred.results.predictions import Predictions
+from envpred.results.result import RESULT
+from tests.store.stores import write_store
+
+EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
+QUIET = ["--trainer.accelerator=cpu", "--trainer.enable_progress_bar=false", "--trainer.enable_model_summary=false"]
+FORECASTER = "--model=forecaster.ContextForecaster"
+
+
+@pytest.fixture(scope="module")
+def store(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    drives = {name: list(range(40)) for name in ("a", "b", "c")}
+    return write_store(tmp_path_factory.mktemp("own") / "grids", drives, dogma=True, context=32)
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The examples in a folder that is not on Python's path."""
+    shutil.copytree(EXAMPLES, tmp_path / "mine")
+    monkeypatch.chdir(tmp_path / "mine")
+    monkeypatch.setattr(sys, "path", [p for p in sys.path if p != ""])
+    for name in ("forecaster", "variant", "metric"):
+        monkeypatch.delitem(sys.modules, name, raising=False)
+    return tmp_path / "mine"
+
+
+def test_the_example_of_a_forecaster_is_short() -> None:
+    assert len((EXAMPLES / "forecaster.py").read_text().splitlines()) < 60
+
+
+def test_a_forecaster_of_ones_own_goes_all_the_way(folder: Path, store: Path) -> None:
+    data = [f"--data.store={store}", "--data.samples=4", "--data.crop=8", "--data.augment=true", *QUIET]
+    main(["fit", FORECASTER, *data, "--trainer.max_epochs=2"])
+    run = folder / "runs" / "context" / "dst_static"
+    best = run / "version_0" / "checkpoints" / "best.ckpt"
+    assert best.is_file()
+    for command in ("validate", "test", "predict"):
+        main([command, FORECASTER, *data, "--ckpt_path=best"])
+    main(["test", "--model=envpred.models.LastFrame", *data])
+    (result,) = run.glob(f"*/{RESULT}")
+    told = json.loads(result.read_text())
+    assert (told["role"], told["model"]["name"]) == ("learned", "context")
+    assert told["model"]["flops"] > 0
+    assert set(told["data"]["input_hash"]) == {"velocity", "context_label", "context_evidence"}
+    (static,) = (folder / "runs" / "last_frame").rglob(RESULT)
+    main(["report", str(result), str(static), "--out", "report"])
+    assert "context (dst_static)" in (folder / "report" / "methods.md").read_text()
+    (manifest,) = run.glob("*/predictions/manifest.json")
+    main(["draw", str(manifest.parent), "--store", str(store), "--out", "strip.png"])
+    assert (folder / "strip.png").stat().st_size > 1000
+    forecast = Predictions(manifest.parent).forecast(0)
+    assert forecast.shape == (15, 16, 16)
+    assert np.ptp(forecast) > 0
+    assert load_forecaster(best).hparams["width"] == 8
+
+
+def test_a_variant_of_ones_own_is_an_input(folder: Path, store: Path) -> None:
+    data = [f"--data.store={store}", "--data.variant=variant.KNOWN", "--data.samples=2", "--data.crop=8", *QUIET]
+    model = ["--model=PredNetForecaster", "--model.channels=[4]", "--model.t1_epochs=1", "--model.t5_epochs=1"]
+    main(["fit", *model, *data])
+    main(["test", *model, *data, "--ckpt_path=best"])
+    (result,) = (folder / "runs").rglob(RESULT)
+    assert json.loads(result.read_text())["variant"] == "variant.KNOWN"
+    assert load_forecaster(next((folder / "runs").rglob("best.ckpt"))).view.channels == ("occupied", "free", "known")
+
+
+def test_a_metric_of_ones_own_is_measured_and_shown(folder: Path, store: Path) -> None:
+    main(["test", "--model=LastFrame", f"--data.store={store}", "--results.metrics=[metric.Confidence]", *QUIET])
+    (result,) = (folder / "runs").rglob(RESULT)
+    measured = json.loads(result.read_text())["metrics"]["confidence"]
+    assert 0 < measured["mean"][0] <= 0.5
+    main(["report", str(result), "--out", "report"])
+    assert "Confidence" in (folder / "report" / "report.html").read_text()
+    assert f"{measured['mean'][0]:.3f}" in (folder / "report" / "confidence.md").read_text()
