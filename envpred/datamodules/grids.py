@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from torch.utils.data import DataLoader
 
 from envpred.datamodules.contract import Needs
-from envpred.datamodules.selection import Selection, split_drives, usable_drives
+from envpred.datamodules.selection import Selection, select, split_drives, usable_drives
 from envpred.datamodules.variants import variant as variant_of
 from envpred.datamodules.windows import (
     CONTEXT,
@@ -56,8 +56,8 @@ class GridDataModule(LightningDataModule):
         num_workers: processes that read ahead; reading a window takes a millisecond or two, so none is usually best.
         seed: of the random windows.
         stride: take every so many-th frame of the store: 2 makes 10 Hz of a drive of 20 Hz.
-        predict: windows that are predicted, of the drives that test: the test windows, the newest `given` frames of
-            each drive, or all, one after every frame that is the last of `given` without a gap.
+        predict: windows that are predicted: the test windows; or, of the drives named as `test`, by default of all, the
+            newest `given` frames of each, or all, one after every frame that is the last of `given` without a gap.
     """
 
     def __init__(
@@ -103,7 +103,11 @@ class GridDataModule(LightningDataModule):
     def setup(self, stage: str) -> None:
         """Find the windows that a stage needs; refuse what does not fit before anything runs."""
         if not self.selected:
-            self.selected = split_drives(self.split, self.asked, usable_drives(self.store))
+            drives = usable_drives(self.store)
+            if stage == "predict" and self.predict != "test":
+                self.selected = {"predict": select(self.asked["test"] or list(drives), drives)}
+            else:
+                self.selected = split_drives(self.split, self.asked, drives)
         if stage == "fit" and self.crop is not None and not 1 <= self.crop <= self.cells:
             raise UserError(f"--data.crop {self.crop}: the grids have {self.cells} cells a side; give at most so many")
         needed = {"fit": ("train", "val"), "validate": ("val",), "test": ("test",), "predict": ("predict",)}[stage]
@@ -216,8 +220,8 @@ class GridDataModule(LightningDataModule):
         return digest({drive: [entry[name]["checksum"] for name in arrays] for drive, entry in entries.items()})
 
     def _selected(self, part: str) -> list[Selection]:
-        """What `part` takes of the drives; what is predicted lies in those that test."""
-        return self.selected["test" if part == "predict" else part]
+        """What `part` takes of the drives."""
+        return self.selected["test" if part == "predict" and self.predict == "test" else part]
 
     def _frames(self, part: str) -> int:
         """Frames in a window of `part`: where no targets are needed, those shown."""

@@ -6,6 +6,7 @@ be left out.
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import combinations
 from pathlib import Path
 
 from envpred.errors import UserError
@@ -27,6 +28,10 @@ class Selection:
     def __str__(self) -> str:
         whole = self.start == 0 and self.stop == len(self.drive.frames)
         return self.drive.name if whole else f"{self.drive.name}@{self.start}-{self.stop}"
+
+    def overlaps(self, other: "Selection") -> bool:
+        """Whether both take a frame."""
+        return self.drive.name == other.drive.name and self.start < other.stop and other.start < self.stop
 
     def stretches(self) -> list[tuple[int, int]]:
         """Stretches without a gap inside this one, as (first, length)."""
@@ -114,10 +119,31 @@ def _auto(names: list[str], drives: dict[str, StoredDrive]) -> Split:
 def split_drives(
     name: str, asked: Mapping[str, list[str] | None], drives: dict[str, StoredDrive]
 ) -> dict[str, list[Selection]]:
-    """What trains, validates and tests: the split of that name, but for the parts that are `asked` for as lists."""
+    """What trains, validates and tests: the split of that name, but for the parts that are `asked` for as lists.
+
+    What a list names, the split's other parts leave alone.
+
+    Raises:
+        UserError: if lists name frames twice, or what is not there.
+    """
     lists = {part: select(items, drives) for part, items in asked.items() if items}
+    _check_apart(lists)
     base = Split([], [], []) if name == "custom" or len(lists) == len(asked) else preset(name, drives)
-    return {"train": base.train, "val": base.val, "test": base.test} | lists
+    named = [selection for selections in lists.values() for selection in selections]
+    rest = {"train": base.train, "val": base.val, "test": base.test}
+    rest = {part: [s for s in selections if not any(map(s.overlaps, named))] for part, selections in rest.items()}
+    return rest | lists
+
+
+def _check_apart(parts: Mapping[str, list[Selection]]) -> None:
+    """Refuse frames that are taken twice: counted twice, or judged by what has trained on them."""
+    taken = [(part, selection) for part, selections in parts.items() for selection in selections]
+    for (part, one), (other_part, other) in combinations(taken, 2):
+        if one.overlaps(other):
+            raise UserError(
+                f"--data.{part} takes {one} and --data.{other_part} {other}, which share frames; give other drives, or "
+                "stretches that do not overlap, as name@start-stop"
+            )
 
 
 def usable_drives(folder: Path) -> dict[str, StoredDrive]:

@@ -122,7 +122,7 @@ def test_a_crop_cuts_all_of_a_window(store: Path) -> None:
 
 
 def test_a_stride_takes_every_second_frame(store: Path) -> None:
-    data = GridDataModule(store, given=2, length=4, stride=2, test=["a"], train=["a"], val=["a"])
+    data = GridDataModule(store, given=2, length=4, stride=2, test=["a"])
     data.setup("test")
     first, second = data.datasets["test"][0], data.datasets["test"][1]
     drive = Store(store).drives["a"]
@@ -135,6 +135,6 @@ def test_a_stride_takes_every_second_frame(store: Path) -> None:
 
 def test_windows_reach_a_second_and_a_half_by_default(store: Path) -> None:
     for stride, horizons in ((1, 15), (2, 8)):
-        data = GridDataModule(store, given=2, stride=stride, test=["a"], train=["a"], val=["a"])
+        data = GridDataModule(store, given=2, stride=stride, test=["a"])
         data.selected = {"test": select(["a"], Store(store).drives)}
         assert data.horizons == horizons

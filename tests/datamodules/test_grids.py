@@ -34,7 +34,7 @@ def whole(batch: Any, name: str) -> torch.Tensor:
 
 
 def test_windows_in_order_take_each_frame_once_and_cross_no_gap(store: Path) -> None:
-    module = data(store, train=["a"], val=["a"], test=["b"])
+    module = data(store, test=["b"])
     module.setup("test")
     assert [(p.drive.name, p.start) for p in module.datasets["test"].places] == [
         ("b", 0),
@@ -45,7 +45,7 @@ def test_windows_in_order_take_each_frame_once_and_cross_no_gap(store: Path) -> 
 
 
 def test_a_batch_is_what_the_store_holds(store: Path) -> None:
-    module = data(store, train=["a"], val=["a"], test=["c"], batch_size=2)
+    module = data(store, test=["c"], batch_size=2)
     module.setup("test")
     (batch,) = list(module.test_dataloader())
     drive = Store(store).drives["c"]
@@ -135,7 +135,7 @@ def test_a_crop_that_does_not_fit_is_refused(store: Path, crop: int) -> None:
 
 
 def test_validation_windows_are_spread_over_the_drives(store: Path) -> None:
-    module = data(store, train=["a"], val=["a", "b", "c"], val_windows=3)
+    module = data(store, train=["a@-12"], val=["a@12-", "b", "c"], val_windows=3)
     module.setup("fit")
     places = windows_in_order(module.selected["val"], LENGTH)
     chosen = module.datasets["val"].places
@@ -177,6 +177,47 @@ def test_a_store_of_mixed_parameters_is_refused(store: Path) -> None:
     (store.parent / "other" / "d").rename(store / "d")
     with pytest.raises(UserError, match="d were built with other parameters"):
         data(store).setup("fit")
+
+
+@pytest.mark.parametrize(
+    "asked",
+    [
+        {"test": ["c", "c"]},
+        {"train": ["a"], "val": ["a@20-"]},
+        {"train": ["a@-10"], "val": ["b"], "test": ["a@9-"]},
+    ],
+)
+def test_frames_that_are_taken_twice_are_refused(store: Path, asked: dict[str, list[str]]) -> None:
+    """A window that counts twice shrinks a standard error; a drive that trains must not judge."""
+    with pytest.raises(UserError, match=r"which share frames; give other drives, or stretches that do not overlap"):
+        data(store, **asked).setup("test")
+
+
+def test_one_drive_may_be_shared_by_stretches(store: Path) -> None:
+    module = data(store, train=["a@-10"], val=["a@10-20"], test=["a@20-"])
+    module.setup("test")
+    assert [str(s) for part in ("train", "val", "test") for s in module.selected[part]] == [
+        "a@0-10",
+        "a@10-20",
+        "a@20-30",
+    ]
+
+
+def test_what_is_named_leaves_the_splits_other_parts(store: Path) -> None:
+    module = data(store, test=["a"])
+    module.setup("test")
+    assert {part: [str(s) for s in selections] for part, selections in module.selected.items()} == {
+        "train": [],
+        "val": ["b"],
+        "test": ["a"],
+    }
+
+
+def test_predictions_without_targets_are_of_the_drives_named_or_of_all(store: Path) -> None:
+    for test, drives in ((None, ["a", "b", "c"]), (["b"], ["b"])):
+        module = data(store, test=test, predict="newest")
+        module.setup("predict")
+        assert [place.drive.name for place in module.datasets["predict"].places] == drives
 
 
 def test_an_unfinished_store_is_named(store: Path) -> None:
