@@ -1,10 +1,10 @@
 """How forecasts were made: what a result and a manifest of predictions say of model, data, command and revision."""
 
-import os
 import sys
 from typing import Any
 
 from envpred.models import Forecaster
+from envpred.models.forecaster import seed
 from envpred.results.result import revision, short_name
 
 
@@ -17,19 +17,17 @@ def provenance(forecaster: Forecaster, part: str) -> dict[str, Any]:
             "class_path": f"{type(forecaster).__module__}.{type(forecaster).__qualname__}",
             "parameters": sum(p.numel() for p in forecaster.parameters()),
             "flops": forecaster.work(forecaster.batch_of(part, 0)),
-            "hyperparameters": dict(forecaster.hparams),
+            # What weights were trained with is what their checkpoint says, whatever this command did.
+            "hyperparameters": (forecaster.trained or {}).get("hyperparameters", dict(forecaster.hparams)),
+            "untrained": not forecaster.is_fixed and not trainer.ckpt_path,
+            "trained": forecaster.trained,
         },
         "role": forecaster.role,
         "variant": data.variant,
         "data": data.describe(part),
-        "seed": _seed(),
+        "seed": (forecaster.trained or {}).get("seed", seed()),
         "revision": revision(),
         "command": " ".join(["envpred", *sys.argv[1:]]),
         "checkpoint": str(trainer.ckpt_path) if trainer.ckpt_path else None,
         "horizon_s": [round(data.period * (h + 1), 6) for h in range(data.horizons)],
     }
-
-
-def _seed() -> int | None:
-    seed = os.environ.get("PL_GLOBAL_SEED")
-    return int(seed) if seed is not None else None

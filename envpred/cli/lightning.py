@@ -35,6 +35,8 @@ class HelpFormatter(DefaultHelpFormatter, RawDescriptionHelpFormatter):
 class EnvpredCLI(LightningCLI):
     """LightningCLI whose checkpoints never replace what the user says, and whose runs lie in runs/<model>/<variant>."""
 
+    untrained = False  # whether --ckpt_path none was given
+
     def add_arguments_to_parser(self, parser: LightningArgumentParser) -> None:
         parser.link_arguments("data.variant", "model.init_args.variant")
         parser.link_arguments("data.given", "model.init_args.given")
@@ -51,7 +53,13 @@ class EnvpredCLI(LightningCLI):
         asked = options.get("ckpt_path")
         if asked is None:
             return
-        file = self._newest(str(asked)) if asked in ("best", "last") else Path(asked)
+        if asked == "none":  # weights as they are initialised, on purpose
+            options["ckpt_path"], self.untrained = None, True
+            return
+        file = Path(asked)
+        if asked in ("best", "last"):
+            file = self._newest(asked)
+            print(f"checkpoint: {file}", file=sys.stderr)
         read_checkpoint(file)
         options["ckpt_path"] = str(file)
         options["weights_only"] = True
@@ -74,9 +82,24 @@ class EnvpredCLI(LightningCLI):
             )
 
     def after_instantiate_classes(self) -> None:
-        """The schedule is the model's; without this Lightning would warn that it goes on for 1000 epochs."""
+        """Refuse random weights, and leave the schedule to the model: Lightning would warn of 1000 epochs."""
+        self._check_weights()
         if self.subcommand == "fit" and self.config.fit.trainer.max_epochs is None and self.model.epochs is not None:
             self.trainer.fit_loop.max_epochs = self.model.epochs
+
+    def _check_weights(self) -> None:
+        """Refuse to judge weights that nobody has trained, unless that is asked for."""
+        options = self.config[self.subcommand] if self.subcommand else self.config
+        if self.subcommand in (None, "fit") or options.get("ckpt_path") or self.untrained or self.model.is_fixed:
+            return
+        try:
+            hint = f"give --ckpt_path {self._newest('best')}"
+        except UserError:
+            hint = "train it by `envpred fit`, then give --ckpt_path best"
+        raise UserError(
+            f"the weights of {type(self.model).__name__} must come from a checkpoint, or random ones would be judged; "
+            f"{hint} (or --ckpt_path none, for random weights on purpose)"
+        )
 
     def _model_name(self) -> str:
         options = self.config[self.config.subcommand] if self.config.subcommand else self.config
@@ -90,7 +113,6 @@ class EnvpredCLI(LightningCLI):
         for run in sorted(folder.glob("version_*"), key=lambda f: int(f.name.split("_")[1]), reverse=True):
             for name in wanted:
                 if (run / "checkpoints" / name).is_file():
-                    print(f"checkpoint: {run / 'checkpoints' / name}", file=sys.stderr)
                     return run / "checkpoints" / name
         raise UserError(f"{folder}: no run with a checkpoint {wanted[0]}; run `envpred fit` first, or give its path")
 

@@ -207,10 +207,7 @@ class GridDataModule(LightningDataModule):
             "length": self.length,
             "given": self.given,
             "stride": self.stride,
-            "period": self.period,
-            "resolution": self.grid.resolution,
-            "cells": self.cells,
-            "context": self._context_cells() if self.needs.context else None,
+            **self.grids(),
             "windows": [[place.drive.name, place.start] for place in self.datasets[part].places],
         }
 
@@ -253,9 +250,15 @@ class GridDataModule(LightningDataModule):
             names |= {f"{CONTEXT}label", f"{CONTEXT}evidence"}
         return sorted(names - {"label", "centre_cell", "pose", "time"})
 
-    def _context_cells(self) -> int | None:
-        context = self._example.context
-        return None if context is None else context.cells
+    def grids(self) -> dict[str, Any]:
+        """What kind of grids these are: time base, cell, cells a side, and of the wide grid if it is read."""
+        context = self._example.context if self.needs.context else None
+        return {
+            "period": self.period,
+            "resolution": self.grid.resolution,
+            "cells": self.cells,
+            "context": None if context is None else context.cells,
+        }
 
     def _places(self, part: str) -> list[Place]:
         selections, length = self._selected(part), self._frames(part)

@@ -3,6 +3,7 @@
 A new forecaster is one file: a subclass that implements `forecast`, and says what it needs, what it is, how it trains.
 """
 
+import os
 import time
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
@@ -50,6 +51,7 @@ class Forecaster(LightningModule):
         self.scores, self.static = MetricCollection({}), HorizonMSE()
         self.extra_metrics: Sequence[Callable[[int], WindowMetric]] = ()
         self.tested: dict[str, Any] = {}
+        self.trained: dict[str, Any] | None = None  # what the weights come from
         self.forecast_seconds, self.forecast_windows = 0.0, 0
 
     @abstractmethod
@@ -231,13 +233,23 @@ class Forecaster(LightningModule):
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         checkpoint["forecaster"] = type(self).__name__
         checkpoint["class_path"] = f"{type(self).__module__}.{type(self).__qualname__}"
+        checkpoint["trained"] = self.trained = self._training()
+
+    def _training(self) -> dict[str, Any]:
+        """What the weights come from, as plain data that goes with them."""
+        told = self.dataset.describe("train")
+        del told["windows"]
+        return {"data": told, "seed": seed(), "hyperparameters": dict(self.hparams)}
 
     def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
-        """Refuse a checkpoint whose weights belong to another forecaster or variant.
+        """Refuse a checkpoint whose weights belong to another forecaster, variant or kind of grids.
 
         Raises:
             UserError: naming what differs.
         """
+        self.trained = checkpoint.get("trained")
+        if self.trained is not None and getattr(self, "_trainer", None) is not None:
+            self._check_grids(self.trained["data"])
         kind = checkpoint.get("forecaster", type(self).__name__)
         if kind != type(self).__name__:
             raise UserError(
@@ -251,6 +263,27 @@ class Forecaster(LightningModule):
                     f"the checkpoint was trained with {name} {theirs[name]}, the command says {self.hparams[name]}; "
                     f"give --{room}.{name} {_argument(theirs[name])}, or another checkpoint"
                 )
+
+    def _check_grids(self, trained: Mapping[str, Any]) -> None:
+        """Refuse grids of another time base, cell or size than the weights were trained on."""
+        here = self.dataset.grids()
+        for name, unit in (
+            ("period", " s"),
+            ("resolution", " m"),
+            ("cells", " cells"),
+            ("context", " cells of context"),
+        ):
+            if trained.get(name) != here[name] and not (name == "context" and not self.needs.context):
+                raise UserError(
+                    f"the checkpoint was trained on grids of {trained.get(name)}{unit}, {self.dataset.store} has "
+                    f"{here[name]}{unit}; build a store like that which it was trained on, or give another checkpoint"
+                )
+
+
+def seed() -> int | None:
+    """The seed of --seed_everything, if there is one."""
+    value = os.environ.get("PL_GLOBAL_SEED")
+    return int(value) if value is not None else None
 
 
 def _argument(value: Any) -> str:

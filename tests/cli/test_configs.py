@@ -26,7 +26,8 @@ def test_every_subcommand_reads_what_every_other_saved(tmp_path: Path, monkeypat
         saved[command] = run / f"version_{number}" / "config.yaml"
     for made_by, file in saved.items():
         for command in ("fit", "validate", "test", "predict"):
-            main([command, "--config", str(file), "--trainer.fast_dev_run=true"])
+            weights = [] if command == "fit" else ["--ckpt_path=best"]
+            main([command, "--config", str(file), "--trainer.fast_dev_run=true", *weights])
         assert yaml.safe_load(file.read_text())["data"]["store"] == "grids", made_by
     tested = json.loads((run / "version_2" / RESULT).read_text())
     assert Path(tested["checkpoint"]).name == "best.ckpt"

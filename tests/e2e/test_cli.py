@@ -231,3 +231,44 @@ def test_verify_finds_a_changed_byte(store: Path, tmp_path: Path, capsys: pytest
         file.seek(-1, os.SEEK_END)
         file.write(b"\x07")
     assert "b/label.npy: its content has changed" in failure(["verify", "--store", str(copy)], capsys)
+
+
+def test_random_weights_are_refused_unless_asked_for(store: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for command in ("validate", "test", "predict"):
+        line = failure([command, *small(store)], capsys)
+        assert "the weights of PredNetForecaster must come from a checkpoint" in line
+        assert "train it by `envpred fit`" in line
+    main(["fit", *small(store)])
+    main(["test", *small(store), "--ckpt_path=none"])
+    (result,) = Path("runs").rglob(RESULT)
+    assert json.loads(result.read_text())["model"]["untrained"]
+    line = failure(["test", *small(store)], capsys)
+    remedy = line.split("give ")[1].split(" (or")[0]
+    assert remedy == "--ckpt_path runs/prednet/dst_static/version_0/checkpoints/best.ckpt"
+    main(["test", *small(store), *remedy.split()])
+    newest = max(Path("runs").rglob(RESULT), key=lambda file: file.stat().st_mtime)
+    assert not json.loads(newest.read_text())["model"]["untrained"]
+
+
+def test_results_say_what_the_checkpoint_was_trained_with(store: Path) -> None:
+    main(["fit", *small(store), "--model.t5_lr=1e-5", "--seed_everything=7"])
+    main(["test", *small(store), "--model.t5_lr=0.5", "--ckpt_path=best"])
+    (result,) = Path("runs").rglob(RESULT)
+    told = json.loads(result.read_text())
+    assert told["model"]["hyperparameters"]["t5_lr"] == 1e-5
+    assert told["seed"] == 7
+    assert told["model"]["trained"]["data"]["drives"] == ["a"]
+
+
+def test_weights_of_other_grids_are_refused(store: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    drives = {name: list(range(40)) for name in ("a", "b", "c")}
+    slow = write_store(tmp_path / "slow", drives, cells=32, period=0.2)
+    fine = write_store(tmp_path / "fine", drives, cells=32)
+    for manifest in fine.glob("*/manifest.json"):
+        told = json.loads(manifest.read_text())
+        told["lattice"]["resolution"] = 0.2
+        manifest.write_text(json.dumps(told))
+    main(["fit", *small(store)])
+    for other, difference in ((slow, "0.1 s, slow has 0.2 s"), (fine, "0.3333333333333333 m, fine has 0.2 m")):
+        line = failure(["test", *small(other), "--data.length=15", "--ckpt_path=best"], capsys)
+        assert "trained on grids of " + difference.replace("slow", str(slow)).replace("fine", str(fine)) in line
