@@ -20,7 +20,7 @@ ALLOWED = {
         "errors",
     },
     "networks": {"networks", "errors"},
-    "metrics": {"metrics"},
+    "metrics": {"metrics", "errors"},
     "drives": {"drives", "mapping.geometry", "errors"},
     "simulate": {"simulate", "drives", "mapping", "build", "store", "pictures", "errors"},
     "store": {"store", "errors", "__version__"},
