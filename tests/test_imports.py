@@ -26,15 +26,8 @@ ALLOWED = {
     "store": {"store", "errors", "__version__"},
     "datamodules": {"datamodules", "store", "mapping", "errors"},
     "horizons": set(),
-    "pictures": {
-        "pictures",
-        "mapping",
-        "horizons",
-        "results",
-        "store",
-        "models",
-        "datamodules",
-    },  # the last two for types
+    "pictures": {"pictures", "mapping", "horizons", "results", "store"},
+    "report": {"report", "pictures", "results", "metrics", "horizons", "errors"},
     "results": {"results", "mapping", "store", "models", "horizons", "errors", "__version__"},  # models for types
     "build": {"build", "drives", "interrupts", "mapping", "store", "errors"},
     "models": {

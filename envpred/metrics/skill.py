@@ -5,8 +5,9 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from envpred.metrics.about import About
 from envpred.metrics.horizon_mse import horizon_mse
-from envpred.metrics.windows import About, PerHorizon, WindowMetric, without_nan
+from envpred.metrics.windows import PerHorizon, WindowMetric, without_nan
 
 ABOUT = About("Skill", "", 3, 1.0, "higher")
 

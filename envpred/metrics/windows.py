@@ -3,35 +3,16 @@
 import re
 from abc import abstractmethod
 from math import isfinite
-from typing import Any, ClassVar, Literal, NamedTuple
+from typing import Any, ClassVar
 
 import torch
 from torch import Tensor
 from torchmetrics import Metric
 
+from envpred.metrics.about import About, Direction
+
 ANONYMOUS = -1  # the index of a window that has none: never taken for a duplicate
 LARGEST_INDEX = 2**24  # float32, the type of the state, holds whole numbers exactly up to here
-
-
-Direction = Literal["lower", "higher"] | float
-
-
-class About(NamedTuple):
-    """How a metric is written: what a table needs to know of one that it has never heard of.
-
-    Args:
-        title: what it measures, in words.
-        unit: that of the value times `factor`, empty for a bare number.
-        digits: decimals.
-        factor: by which values are multiplied before they are written.
-        direction: whether `lower` or `higher` is better, or the number that is best.
-    """
-
-    title: str
-    unit: str
-    digits: int
-    factor: float
-    direction: Direction
 
 
 class PerHorizon:

@@ -8,8 +8,9 @@ import torch
 from torch import Tensor, distributed
 from torch.multiprocessing.spawn import spawn
 
+from envpred.metrics.about import About
 from envpred.metrics.horizon_mse import HorizonMSE
-from envpred.metrics.windows import About, HorizonMetric, PerHorizon, summarise
+from envpred.metrics.windows import HorizonMetric, PerHorizon, summarise
 
 ABOUT = About("Error", "m", 2, 10.0, "lower")
 
