@@ -1,6 +1,8 @@
-"""Imports point one way: a room may import the rooms below it, never one above."""
+"""The house: arrows of imports point one way, every room is listed, and a file can be read in one sitting."""
 
 import ast
+import graphlib
+import statistics
 from pathlib import Path
 
 import pytest
@@ -8,65 +10,101 @@ import pytest
 import envpred
 
 PACKAGE = Path(envpred.__file__).parent
+SWEEPS = PACKAGE.parent / "sweeps"
 
-# What each room may import of ours.
-ALLOWED = {
-    "mapping": {
-        "mapping",
-        "errors",
-    },
-    "networks": {"networks", "errors"},
-    "metrics": {"metrics"},
-    "drives": {"drives", "mapping.geometry", "mapping.period", "errors"},
-    "simulate": {"simulate", "drives", "mapping", "build", "store", "pictures", "errors"},
-    "store": {"store", "mapping.geometry", "errors", "__version__"},
-    "datamodules": {"datamodules", "store", "mapping", "errors"},
+# Every room, from the ground floor up, and what of ours it may import beside itself.
+ALLOWED: dict[str, set[str]] = {
+    "errors": set(),
+    "interrupts": set(),
     "horizons": set(),
-    "pictures": {
-        "pictures",
-        "mapping",
-        "horizons",
-        "results",
-        "store",
-        "models",
-        "datamodules",
-    },  # the last two for types
-    "results": {"results", "mapping", "store", "models", "horizons", "errors", "__version__"},  # models for types
-    "build": {"build", "drives", "interrupts", "mapping", "store", "errors"},
-    "models": {
-        "models",
-        "networks",
-        "datamodules",
-        "metrics",
-        "results",
-        "horizons",
-        "errors",
-        "mapping.particle_forecast",
+    "networks": {"errors"},
+    "metrics": {"errors"},
+    "mapping": {"errors"},
+    "store": {"mapping.geometry", "errors", "__version__"},
+    "drives": {"mapping.geometry", "mapping.period", "errors"},
+    "build": {"drives", "mapping", "store", "interrupts", "errors"},
+    "datamodules": {"mapping", "store", "horizons", "errors"},
+    "models": {"networks", "datamodules", "metrics", "mapping", "horizons", "errors"},
+    "results": {"mapping", "store", "horizons", "errors", "__version__"},
+    "pictures": {"mapping", "store", "results", "horizons"},
+    "simulate": {"drives", "mapping", "build", "store", "pictures", "errors"},
+    "callbacks": {"models", "datamodules", "pictures", "results", "metrics", "mapping", "store", "horizons", "errors"},
+    "report": {"pictures", "results", "metrics", "horizons", "errors"},
+    "cli": {
+        *("callbacks", "report", "simulate", "build", "pictures", "results", "models", "datamodules", "mapping"),
+        *("drives", "store", "horizons", "interrupts", "errors", "__version__"),
     },
+    "__init__": {"drives", "mapping.mapper", "datamodules", "models", "store"},  # the face
+    "__main__": {"cli"},
+}
+# The drawers of sweeps, likewise.
+DRAWERS: dict[str, set[str]] = {
+    "runs": set(),
+    "study": {"runs"},
+    "table": {"runs", "study"},
+    "tune": {"runs", "study"},
+    "ablation": {"runs", "study", "table"},
 }
 
 
-def imports(file: Path) -> set[str]:
-    """What a file imports of ours, without the package's name."""
+def imports(file: Path, package: str) -> set[str]:
+    """What a file imports of `package`, without its name; types included."""
     found = set()
     for node in ast.walk(ast.parse(file.read_text())):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.module and node.level == 0:
             found |= {f"{node.module}.{alias.name}" for alias in node.names}
-    return {name.removeprefix("envpred.") for name in found if name.startswith("envpred.")}
+    return {name.removeprefix(f"{package}.") for name in found if name.startswith(f"{package}.")}
+
+
+def files_of(place: Path) -> list[Path]:
+    return sorted(place.rglob("*.py")) if place.is_dir() else [place.with_suffix(".py")]
+
+
+def rooms(package: Path) -> set[str]:
+    """Folders and modules at the root of a package."""
+    names = {f.name for f in package.iterdir() if f.is_dir() and (f / "__init__.py").is_file()}
+    return names | {f.stem for f in package.glob("*.py")}
 
 
 @pytest.mark.parametrize("room", sorted(ALLOWED))
 def test_rooms_import_only_what_lies_below(room: str) -> None:
-    place = PACKAGE / room
-    files = sorted(place.rglob("*.py")) if place.is_dir() else [place.with_suffix(".py")]
-    assert files
-    for file in files:
-        for name in imports(file):
-            assert any(name == a or name.startswith(f"{a}.") for a in ALLOWED[room]), (
-                f"{file.name} imports envpred.{name}"
-            )
+    for file in files_of(PACKAGE / room):
+        for name in imports(file, "envpred"):
+            allowed = {room, *ALLOWED[room]}
+            assert any(name == a or name.startswith(f"{a}.") for a in allowed), f"{file.name} imports envpred.{name}"
+
+
+@pytest.mark.parametrize("drawer", sorted(DRAWERS))
+def test_drawers_of_sweeps_import_only_what_lies_below(drawer: str) -> None:
+    for file in files_of(SWEEPS / drawer):
+        for name in imports(file, "sweeps"):
+            assert name.split(".")[0] in {drawer, *DRAWERS[drawer]}, f"{file.name} imports sweeps.{name}"
+
+
+def test_every_room_is_listed_and_there_is_no_circle() -> None:
+    assert rooms(PACKAGE) == set(ALLOWED)
+    assert rooms(SWEEPS) == {*DRAWERS, "__init__"}
+    assert len([room for room in rooms(PACKAGE) if not room.startswith("__")]) <= 17
+    for floors in (ALLOWED, DRAWERS):
+        below = {room: {name.split(".")[0] for name in names} & set(floors) for room, names in floors.items()}
+        list(graphlib.TopologicalSorter(below).static_order())  # raises if there is one
+
+
+def test_files_can_be_read_in_one_sitting() -> None:
+    lengths = {file: len(file.read_text().splitlines()) for file in [*PACKAGE.rglob("*.py"), *SWEEPS.rglob("*.py")]}
+    assert {file.name: n for file, n in lengths.items() if n > 300} == {}
+    assert statistics.median(n for file, n in lengths.items() if file.is_relative_to(PACKAGE)) < 110
+
+
+def test_every_test_room_mirrors_a_room() -> None:
+    tests = {f.name for f in Path(__file__).parent.iterdir() if f.is_dir() and (f / "__init__.py").is_file()}
+    assert tests - {"e2e", "sweeps"} <= rooms(PACKAGE)
+    assert {room for room in rooms(PACKAGE) if (PACKAGE / room).is_dir()} <= tests
+    assert {f.name for f in (Path(__file__).parent / "sweeps").iterdir() if (f / "__init__.py").is_file()} <= rooms(
+        SWEEPS
+    )
 
 
 def test_nothing_imports_the_second_name_of_lightning() -> None:

@@ -11,16 +11,20 @@ import PIL.Image
 import torch
 from lightning.pytorch import Callback, LightningModule, Trainer
 from lightning.pytorch.loggers import TensorBoardLogger
+from matplotlib.figure import Figure
 from tensorboard.compat.proto.summary_pb2 import Summary
+from torch import Tensor
 from torch.utils.data import default_collate
 from torch.utils.tensorboard import SummaryWriter
 
 from envpred.datamodules import WindowBatch
-from envpred.horizons import SHOWN_HORIZONS
+from envpred.horizons import PERIOD
+from envpred.mapping.dogma import VELOCITY_SCALE
 from envpred.models.forecaster import Forecaster
 from envpred.pictures import grids as pictures
-from envpred.pictures.forecasts import forecast_strip, scene_animation, scene_strip
-from envpred.pictures.velocities import of_window
+from envpred.pictures.animations import scene_animation
+from envpred.pictures.forecasts import forecast_strip, scene_strip
+from envpred.pictures.velocities import Moving, velocity_strip
 from envpred.results.result import RESULT, add_pictures
 from envpred.results.scenes import Scene, write_scenes
 
@@ -60,9 +64,8 @@ class Pictures(Callback):
         step = trainer.global_step
         for place, (index, scene) in enumerate(self._scenes(pl_module, "val").items()):
             title = f"{scene.where}, epoch {trainer.current_epoch}"
-            errors = forecast_strip(scene.target, scene.forecasts[FORECAST], SHOWN_HORIZONS, title)
-            logger.experiment.add_figure(f"window_{place}/forecast", errors, step)
-            velocities = of_window(pl_module, _batch(pl_module, "val", index), title)
+            logger.experiment.add_figure(f"window_{place}/forecast", forecast_strip(scene, title), step)
+            velocities = _velocities(pl_module, _batch(pl_module, "val", index), scene, title)
             if velocities is not None:
                 logger.experiment.add_figure(f"window_{place}/velocity", velocities, step)
             if place == 0:
@@ -78,13 +81,14 @@ class Pictures(Callback):
         names: dict[str, str] = {}
         scenes = self._scenes(pl_module, "test")
         for place, (index, scene) in enumerate(scenes.items()):
-            strip = forecast_strip(scene.target, scene.forecasts[FORECAST], SHOWN_HORIZONS, scene.where)
-            pictures.save(strip, Path(folder) / "pictures" / f"window_{place}.png")
+            pictures.save(forecast_strip(scene), Path(folder) / "pictures" / f"window_{place}.png")
             (Path(folder) / "pictures" / f"window_{place}.gif").write_bytes(scene_animation(scene))
-            names |= {f"window_{place}_{kind}": f"pictures/window_{place}.{kind}" for kind in ("png", "gif")}
-            velocities = of_window(pl_module, _batch(pl_module, "test", index), scene.where)
+            names |= {f"window_{place}_errors": f"pictures/window_{place}.png"}
+            names |= {f"window_{place}_animation": f"pictures/window_{place}.gif"}
+            velocities = _velocities(pl_module, _batch(pl_module, "test", index), scene, scene.where)
             if velocities is not None:
                 pictures.save(velocities, Path(folder) / "pictures" / f"window_{place}_velocity.png")
+                names |= {f"window_{place}_velocity": f"pictures/window_{place}_velocity.png"}
         write_scenes(Path(folder) / DRAWN, scenes)
         add_pictures(Path(folder) / RESULT, names, DRAWN)
 
@@ -104,6 +108,9 @@ class Pictures(Callback):
                 occupancy[model.given :],
                 batch["centre_cell"][0].cpu().numpy(),
                 {FORECAST: forecast},
+                place.drive.manifest["lattice"]["resolution"],
+                place.drive.manifest.get("period", PERIOD),
+                oracles=frozenset({FORECAST} if model.role == "oracle" else ()),
             )
         return scenes
 
@@ -137,6 +144,27 @@ def _batch(model: Forecaster, part: str, index: int) -> WindowBatch:
     """A batch of one window of `part`, on the model's device."""
     batch = default_collate([model.dataset.datasets[part][index]])
     return cast(WindowBatch, model.transfer_batch_to_device(batch, model.device, 0))
+
+
+def _velocities(model: Forecaster, batch: WindowBatch, scene: Scene, title: str) -> Figure | None:
+    """The velocities of a `scene` and, of a forecaster of all channels, those it forecasts; None without velocities."""
+    channels = model.view.velocity
+    if channels is None:
+        return None
+
+    def moving(frames: Tensor) -> Moving:
+        probability, velocity = model.view.probability(frames), VELOCITY_SCALE * frames[..., list(channels), :, :]
+        return probability.float().cpu().numpy(), velocity.float().cpu().numpy()
+
+    forecast = None
+    forecast_frames = getattr(model, "forecast_frames", None)
+    if forecast_frames is not None:
+        with torch.no_grad():
+            forecast = moving(forecast_frames(batch, model.given)[0])
+    frames, now = batch["frames"][0], model.given
+    return velocity_strip(
+        moving(frames[now - 1]), moving(frames[now:]), forecast, scene.resolution, scene.period, title
+    )
 
 
 def _tensorboard(trainer: Trainer) -> TensorBoardLogger | None:

@@ -135,13 +135,14 @@ class GridDataModule(LightningDataModule):
     def describe(self, part: str) -> dict[str, Any]:
         """What a result was measured on: split, drives, windows and hashes of their content.
 
-        `store_hash` is of what is judged, the same for all variants; `input_hash` of what the variant reads beside it.
+        `store_hash` is of what is judged, the same for all variants; `input_hash` of each array that the variant reads
+        beside it.
         """
         beside = sorted({*self.view.arrays} - {"evidence"})
         return {
             "store": self.store.name,
             "store_hash": self._hash(part, ["evidence"]),
-            "input_hash": self._hash(part, beside) if beside else None,
+            "input_hash": {name: self._hash(part, [name]) for name in beside},
             "variant": self.variant,
             "split": "custom" if any(self.asked.values()) else self.split,
             "part": part,

@@ -14,6 +14,8 @@ from envpred.models.forecaster import Forecaster
 class LastFrame(Forecaster):
     """The static baseline: the last frame shown stands for every horizon."""
 
+    role = "static"
+
     def __init__(self, variant: str = "dst_static", given: int = 5) -> None:
         super().__init__(variant, given)
         self.save_hyperparameters()
@@ -26,6 +28,7 @@ class LastFrame(Forecaster):
 class ParticleForecast(Forecaster):
     """The particle filter's forecast: moving particles carried on by the linear model (the paper's third baseline)."""
 
+    role = "particle"
     extra = "particle_forecast"
 
     def __init__(self, variant: str = "dst_static", given: int = 5) -> None:
@@ -80,6 +83,8 @@ class _Moved(Forecaster):
 class MovedLastFrame(_Moved):
     """Moved by the ego's constant speed and turn rate over the frames shown: what the ego's own motion explains."""
 
+    role = "moved"
+
     def centres(self, batch: WindowBatch, given: int, horizons: int) -> Tensor:
         future = extrapolate(batch["pose"][:, :given].double(), horizons)
         return torch.floor(future[..., :2] + 0.5).to(batch["centre_cell"].dtype)
@@ -87,6 +92,8 @@ class MovedLastFrame(_Moved):
 
 class MovedLastFrameOracle(_Moved):
     """Moved by the ego's true motion, which no forecaster knows: what perfect odometry would explain."""
+
+    role = "oracle"
 
     def setup(self, stage: str) -> None:
         if stage == "predict" and self.dataset.predict != "test":

@@ -4,7 +4,7 @@ import time
 from abc import abstractmethod
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, Literal, cast
 
 import torch
 from lightning.pytorch import LightningModule
@@ -16,7 +16,7 @@ from torchmetrics import MetricCollection
 from envpred.datamodules import GridDataModule, WindowBatch
 from envpred.datamodules.variants import variant as variant_of
 from envpred.errors import UserError
-from envpred.horizons import SHOWN_HORIZONS, horizon_name
+from envpred.horizons import horizon_name, shown_steps
 from envpred.metrics.collection import forecast_metrics
 from envpred.metrics.horizon_mse import HorizonMSE
 from envpred.results.result import write_test_result
@@ -32,6 +32,8 @@ class Forecaster(LightningModule):
 
     # Hyperparameters that decide which weights there are; a checkpoint with others does not fit.
     shaping: tuple[str, ...] = ("variant",)
+    # What kind of forecaster it is, which reports go by.
+    role: Literal["static", "moved", "particle", "rollout", "oracle", "learned"] = "learned"
     # Stored array that it reads beside its variant, at the last frame shown.
     extra: str | None = None
 
@@ -106,7 +108,7 @@ class Forecaster(LightningModule):
         mse, static = found["mse"], found["static_mse"]
         self.log("val/mse", mse.mean.mean().float(), prog_bar=True)
         self.log("val/skill", (1 - mse.mean.mean() / static.mean.mean()).float())
-        for horizon in (h for h in SHOWN_HORIZONS if h <= len(mse.mean)):
+        for horizon in shown_steps(len(mse.mean)):
             self.log(f"val/mse_{horizon_name(horizon)}", mse.mean[horizon - 1].float())
             self.log(f"static/mse_{horizon_name(horizon)}", static.mean[horizon - 1].float())
 
@@ -121,7 +123,7 @@ class Forecaster(LightningModule):
     def on_test_epoch_end(self) -> None:
         found = self.scored()
         mse, skill = found["mse"], found["skill"]
-        for horizon in (h for h in SHOWN_HORIZONS if h <= len(mse.mean)):
+        for horizon in shown_steps(len(mse.mean)):
             self.log(f"test/mse_{horizon_name(horizon)}", mse.mean[horizon - 1].float())
             self.log(f"test/skill_{horizon_name(horizon)}", skill.value[horizon - 1].float())
         metrics = {name: value.as_json() for name, value in found.items()}

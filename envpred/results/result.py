@@ -15,7 +15,7 @@ from envpred.horizons import PERIOD
 if TYPE_CHECKING:
     from envpred.models.forecaster import Forecaster
 
-FORMAT = 1
+FORMAT = 2
 RESULT = "result.json"
 
 
@@ -65,6 +65,7 @@ def provenance(forecaster: "Forecaster", part: str) -> dict[str, Any]:
             "flops": forecaster.flops(data.length, data.given),
             "hyperparameters": dict(forecaster.hparams),
         },
+        "role": forecaster.role,
         "variant": data.variant,
         "data": data.describe(part),
         "seed": _seed(),

@@ -17,7 +17,7 @@ from envpred.errors import UserError
 from envpred.mapping.evidence import pignistic
 from envpred.models import FCNForecaster, LastFrame, MovedLastFrame, MovedLastFrameOracle, ParticleForecast
 from envpred.models.forecaster import Forecaster
-from envpred.results.predictions import Predictions
+from envpred.results.predictions import FORMAT, Predictions
 from envpred.store import Store
 from tests.models.trainers import grids, prednet, trainer
 from tests.store.stores import write_store
@@ -167,7 +167,7 @@ def test_changed_and_missing_files_are_named(gaps: Path, tmp_path: Path) -> None
             found.forecast(k)
         assert str(file) in str(refusal.value)
     (tmp_path / "out" / "manifest.json").write_text('{"format": 99}')
-    with pytest.raises(UserError, match="no predictions of format 1"):
+    with pytest.raises(UserError, match=f"no predictions of format {FORMAT}"):
         Predictions(tmp_path / "out")
     with pytest.raises(UserError, match=r"manifest\.json is missing"):
         Predictions(tmp_path)
