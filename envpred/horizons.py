@@ -1,10 +1,41 @@
-"""How far ahead: the time between frames, the horizons that are shown one by one, and their names."""
+"""How far ahead: the horizons that are shown one by one, and their names; the time between frames is the data's."""
 
-PERIOD = 0.1  # seconds between frames
-# The horizons that the paper's table names, as steps of 0.1 s: pictures and logs show them one by one.
-SHOWN_HORIZONS = (1, 5, 10, 15)
+PERIOD = 0.1  # seconds between frames of KITTI, where nothing tells another
+SHOWN_S = (0.1, 0.5, 1.0, 1.5)  # the horizons of the paper's table: logs, pictures and tables show them one by one
+NEAR = 0.01  # relative; a period is rounded
 
 
-def horizon_name(steps: int) -> str:
-    """A horizon of so many frames, as charts and logs name it: 5 -> 0.5s."""
-    return f"{steps * PERIOD:.1f}s"
+def shown_steps(horizons: int, period: float = PERIOD) -> tuple[int, ...]:
+    """The steps (1 is the first) that end at `SHOWN_S`; the last step where none does.
+
+    >>> shown_steps(12), shown_steps(30, period=0.05), shown_steps(4, period=1 / 15)
+    ((1, 5, 10), (2, 10, 20, 30), (4,))
+
+    Args:
+        horizons: number of steps that are forecast.
+        period: seconds of a step.
+    """
+    nearest = [(round(seconds / period), seconds) for seconds in SHOWN_S]
+    there = [n for n, seconds in nearest if 1 <= n <= horizons and abs(n * period - seconds) <= NEAR * seconds]
+    return tuple(there) or (horizons,)
+
+
+def in_seconds(seconds: float) -> str:
+    """A time as tables and pictures write it, with as many decimals as it needs: `0.5 s`, `0.05 s`."""
+    return f"{_decimals(seconds)} s"
+
+
+def horizon_name(steps: int, period: float = PERIOD) -> str:
+    """A horizon of so many steps of `period` seconds, as logs name it.
+
+    >>> horizon_name(5), horizon_name(1, period=0.05)
+    ('0.5s', '0.05s')
+    """
+    return f"{_decimals(steps * period)}s"
+
+
+def _decimals(seconds: float) -> str:
+    """One to three decimals, no zero after the first."""
+    text = f"{seconds:.3f}"
+    whole = len(text) - 2
+    return text[:whole] + text[whole:].rstrip("0")

@@ -9,6 +9,7 @@ import numpy as np
 from envpred.build.grids import MappingParameters, build
 from envpred.drives import one_drive
 from envpred.errors import UserError
+from envpred.horizons import PERIOD
 from envpred.interrupts import ends_at_once
 from envpred.mapping.evidence import EvidenceParameters
 from envpred.mapping.geometry import GridSpec
@@ -123,10 +124,11 @@ def show(store: Path, out: Path, drive: str | None = None, frame: int = 0) -> No
     chosen = _stored_drive(store, drive, frame)
     labels, mass = chosen.array("label"), chosen.array("evidence")
     if out.suffix == ".gif":
-        out.write_bytes(pictures.drive_animation(labels, mass))
+        out.write_bytes(pictures.drive_animation(labels, mass, chosen.manifest.get("period", PERIOD)))
         print(out)
     else:
-        print(pictures.save(pictures.mapping_overview(np.array(labels[frame]), np.array(mass[frame], np.float32)), out))
+        resolution, masses = chosen.manifest["lattice"]["resolution"], np.array(mass[frame], np.float32)
+        print(pictures.save(pictures.mapping_overview(np.array(labels[frame]), masses, resolution), out))
 
 
 def velocity(store: Path, out: Path, drive: str | None = None, frame: int = 0) -> None:

@@ -8,8 +8,9 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from envpred.drives import one_drive
 from envpred.errors import UserError
-from envpred.horizons import PERIOD
-from envpred.pictures.forecasts import scene_animation, scene_strip
+from envpred.horizons import in_seconds
+from envpred.pictures.animations import scene_animation
+from envpred.pictures.forecasts import scene_strip
 from envpred.pictures.grids import save
 from envpred.report.pictures import drawn_scenes
 from envpred.report.runs import read_run
@@ -72,7 +73,7 @@ def draw(
         label = method.label if labels.count(method.label) == 1 else f"{method.label}, {n + 1}"
         scenes.append(method.scene(method.windows.index(windows[window]), label))
     scene = together(scenes)
-    steps = None if horizons is None else [_steps(seconds, scene.horizons) for seconds in horizons]
+    steps = None if horizons is None else [_steps(seconds, scene) for seconds in horizons]
     out.parent.mkdir(parents=True, exist_ok=True)
     if out.suffix == ".gif":
         out.write_bytes(scene_animation(scene))
@@ -96,10 +97,11 @@ def _opened(folder: Path, store: Store | None) -> _Method:
     raise UserError(f"{folder}: holds neither predictions nor a test result; run `envpred predict` or `envpred test`")
 
 
-def _steps(seconds: float, most: int) -> int:
-    steps = round(seconds / PERIOD)
-    if abs(steps * PERIOD - seconds) > 1e-6 or not 1 <= steps <= most:
-        raise UserError(f"--horizons {seconds}: give multiples of {PERIOD} s up to {most * PERIOD:.1f} s")
+def _steps(seconds: float, scene: Scene) -> int:
+    steps = round(seconds / scene.period)
+    if abs(steps * scene.period - seconds) > 1e-6 or not 1 <= steps <= scene.horizons:
+        period, most = (in_seconds(n * scene.period) for n in (1, scene.horizons))
+        raise UserError(f"--horizons {seconds}: give multiples of {period} up to {most}")
     return steps
 
 

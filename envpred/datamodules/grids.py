@@ -119,8 +119,8 @@ class GridDataModule(LightningDataModule):
                 self._places(part), self.view, self.given, horizons, self.needs, crop, self.stride
             )
             names = [str(selection) for selection in self._selected(part)]
-            drives = ", ".join(names) if len(names) <= 8 else f"{len(names)} drives, {names[0]} to {names[-1]}"
-            rank_zero_info(f"{part}: {len(self.datasets[part])} windows of {drives}")
+            told = ", ".join(names) if len(names) <= 8 else f"{len(names)} drives, {names[0]} to {names[-1]}"
+            rank_zero_info(f"{part}: {len(self.datasets[part])} windows of {told}")
         if fresh and not math.isclose(self.period, PERIOD):  # at another rate, how far ahead that is must be said
             ahead = self.horizons * self.period
             rank_zero_info(f"{self.horizons} forecasts {self.period:.3g} s apart, the last {ahead:.3g} s ahead")

@@ -23,6 +23,8 @@ class Brier(HorizonMetric):
     0.025
     """
 
+    title = "Brier score"
+    direction = "lower"
     higher_is_better = False
     skip_undefined = True
 

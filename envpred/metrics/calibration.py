@@ -68,11 +68,17 @@ class Calibration(WindowMetric):
     0.25
     """
 
+    title = "Calibration error"
+    direction = "lower"
     higher_is_better = False
 
     def __init__(self, horizons: int = 15, bins: int = 10, **kwargs: Any) -> None:
         super().__init__(horizons, **kwargs)
         self.bins = bins
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        return ("ece", "reliability")
 
     @property
     def width(self) -> int:
@@ -85,5 +91,5 @@ class Calibration(WindowMetric):
         """Over all windows seen in all processes."""
         index, values = self.rows()
         parts = values.view(-1, self.horizons, PARTS, self.bins).double()
-        ece = summarise(expected_calibration_error(parts), index, skip_undefined=True)
+        ece = summarise(expected_calibration_error(parts), index, self.about, skip_undefined=True)
         return {"ece": ece, "reliability": Reliability(parts.sum(0))}

@@ -27,6 +27,10 @@ def masked_mse(forecast: Tensor, target: Tensor, mask: Tensor, normalise: Normal
 
 
 class _MaskedMSE(HorizonMetric):
+    unit = "× 10⁻³"
+    digits = 1
+    factor = 1e3
+    direction = "lower"
     higher_is_better = False
     needs_last = True
     skip_undefined = True
@@ -59,6 +63,9 @@ class DynamicMSE(_MaskedMSE):
     0.25
     """
 
+    name = "mse_dynamic_cells"
+    title = "MSE, dynamic cells"
+
     def mask(self, target: Tensor, last: Tensor) -> Tensor:
         return changed(target, last)
 
@@ -73,6 +80,9 @@ class StaticMSE(_MaskedMSE):
     >>> round(metric.compute().mean.item(), 4)
     0.03
     """
+
+    name = "mse_static_cells"
+    title = "MSE, static cells"
 
     def mask(self, target: Tensor, last: Tensor) -> Tensor:
         return ~changed(target, last)

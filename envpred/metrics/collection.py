@@ -1,7 +1,10 @@
 """The set of metrics that a test run reports."""
 
+from collections.abc import Callable, Sequence
+
 from torchmetrics import MetricCollection
 
+from envpred.errors import UserError
 from envpred.metrics.brier import Brier
 from envpred.metrics.calibration import Calibration
 from envpred.metrics.changed_cells import DynamicMSE, StaticMSE
@@ -11,32 +14,50 @@ from envpred.metrics.motion_ratio import MotionRatio
 from envpred.metrics.overlap import IoU, Precision, Recall
 from envpred.metrics.roc_auc import RocAuc
 from envpred.metrics.skill import StaticSkill
+from envpred.metrics.windows import WindowMetric
+
+STATIC_MSE = "static_mse"  # beside them in a result: the static baseline's `mse` on the same windows
 
 
-def forecast_metrics(horizons: int = 15, empty: Empty = "penalty") -> MetricCollection:
+def forecast_metrics(
+    horizons: int = 15, empty: Empty = "penalty", extra: Sequence[Callable[[int], WindowMetric]] = ()
+) -> MetricCollection:
     """All metrics of forecasts at `horizons` steps, to be updated with (forecast, target, last, index).
 
     `compute()` gives a dict: `mse`, `mse_dynamic_cells`, `mse_static_cells`, `iou`, `precision`, `recall`, `roc_auc`,
     `brier`, `motion_ratio`, `image_similarity` and its three classes, `ece` are `PerHorizon`; `skill` (against the
-    static baseline) and `reliability` have types of their own; all have `as_json()`.  `empty` is the policy of the
-    image similarity for a class that both maps lack.
+    static baseline) and `reliability` have types of their own; all have `as_json()`.
+
+    Args:
+        horizons: steps that are forecast.
+        empty: policy of the image similarity for a class that both maps lack.
+        extra: further metrics, each a class (or what makes one) of a number of horizons; they go by their `name`.
+
+    Raises:
+        UserError: if two metrics have one name.
     """
-    return MetricCollection(
-        {
-            "mse": HorizonMSE(horizons),
-            "mse_dynamic_cells": DynamicMSE(horizons),
-            "mse_static_cells": StaticMSE(horizons),
-            "skill": StaticSkill(horizons),
-            "image_similarity": ImageSimilarity(horizons, empty),
-            "iou": IoU(horizons),
-            "precision": Precision(horizons),
-            "recall": Recall(horizons),
-            "roc_auc": RocAuc(horizons),
-            "brier": Brier(horizons),
-            "calibration": Calibration(horizons),
-            "motion_ratio": MotionRatio(horizons),
-        },
-        # Groups are found by comparing states after the first window: a perfect first forecast would merge IoU,
-        # precision and recall for good.
-        compute_groups=False,
-    )
+    standard: list[WindowMetric] = [
+        HorizonMSE(horizons),
+        DynamicMSE(horizons),
+        StaticMSE(horizons),
+        StaticSkill(horizons),
+        ImageSimilarity(horizons, empty),
+        IoU(horizons),
+        Precision(horizons),
+        Recall(horizons),
+        RocAuc(horizons),
+        Brier(horizons),
+        Calibration(horizons),
+        MotionRatio(horizons),
+    ]
+    chosen: dict[str, WindowMetric] = {}
+    owner = {STATIC_MSE: "the static baseline's MSE"}
+    for metric in (*standard, *(make(horizons) for make in extra)):
+        kind = type(metric).__name__
+        for taken in {metric.name, *metric.outputs} & owner.keys():
+            raise UserError(f"{kind}: its name {taken!r} is that of {owner[taken]}; give the class another `name`")
+        owner |= dict.fromkeys((metric.name, *metric.outputs), kind)
+        chosen[metric.name] = metric
+    # Groups are found by comparing states after the first window: a perfect first forecast would merge IoU,
+    # precision and recall for good.
+    return MetricCollection(dict(chosen), compute_groups=False)

@@ -26,6 +26,12 @@ class HorizonMSE(HorizonMetric):
     ([0.05, 0.05], [0.04, 0.04])
     """
 
+    name = "mse"
+    title = "MSE"
+    unit = "× 10⁻³"
+    digits = 1
+    factor = 1e3
+    direction = "lower"
     higher_is_better = False
 
     def measure(self, forecast: Tensor, target: Tensor, last: Tensor) -> Tensor:

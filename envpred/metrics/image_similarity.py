@@ -106,6 +106,10 @@ class ImageSimilarity(WindowMetric):
     6.0
     """
 
+    title = "Image similarity"
+    unit = "cells"
+    digits = 2
+    direction = "lower"
     higher_is_better = False
 
     def __init__(self, horizons: int = 15, empty: Empty = "penalty", **kwargs: Any) -> None:
@@ -113,6 +117,10 @@ class ImageSimilarity(WindowMetric):
         if empty not in ("penalty", "zero"):
             raise ValueError(f"empty is 'penalty' or 'zero', not {empty!r}")
         self.empty: Empty = empty
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        return (self.name, *(f"{self.name}_{name}" for name in CLASSES))
 
     @property
     def width(self) -> int:
@@ -127,6 +135,9 @@ class ImageSimilarity(WindowMetric):
         """The sum and the three classes over all windows seen in all processes."""
         index, values = self.rows()
         psi = values.view(-1, self.horizons, len(CLASSES)).double()
-        return {"image_similarity": summarise(psi.sum(-1), index)} | {
-            f"image_similarity_{name}": summarise(psi[..., c], index) for c, name in enumerate(CLASSES)
+        titles = (self.title, *(f"{self.title}, {name}" for name in CLASSES))
+        parts = (psi.sum(-1), *psi.unbind(-1))
+        return {
+            name: summarise(value, index, self.about._replace(title=title))
+            for name, title, value in zip(self.outputs, titles, parts, strict=True)
         }

@@ -30,6 +30,9 @@ class MotionRatio(HorizonMetric):
     0.25
     """
 
+    title = "Motion ratio"
+    digits = 2
+    direction = 1.0
     higher_is_better = None
     needs_last = True
     skip_undefined = True

@@ -22,6 +22,9 @@ class IoU(HorizonMetric):
     0.3333
     """
 
+    name = "iou"
+    title = "IoU at 0.5"
+    direction = "higher"
     higher_is_better = True
     skip_undefined = True
 
@@ -40,6 +43,8 @@ class Precision(HorizonMetric):
     0.5
     """
 
+    title = "Precision at 0.5"
+    direction = "higher"
     higher_is_better = True
     skip_undefined = True
 
@@ -58,6 +63,8 @@ class Recall(HorizonMetric):
     1.0
     """
 
+    title = "Recall at 0.5"
+    direction = "higher"
     higher_is_better = True
     skip_undefined = True
 

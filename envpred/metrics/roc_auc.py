@@ -36,6 +36,8 @@ class RocAuc(HorizonMetric):
     0.75
     """
 
+    title = "ROC area"
+    direction = "higher"
     higher_is_better = True
     skip_undefined = True
 

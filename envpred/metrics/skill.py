@@ -5,25 +5,29 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from envpred.metrics.about import About
 from envpred.metrics.horizon_mse import horizon_mse
 from envpred.metrics.windows import PerHorizon, WindowMetric, without_nan
 
+ABOUT = About("Skill", "", 3, 1.0, "higher")
+
 
 class Skill:
-    """`value` (N,) = 1 - MSE / MSE of the reference, and its `standard_error` (N,)."""
+    """`value` (N,) = 1 - MSE / MSE of the reference, and its `standard_error` (N,); `about` says how it is written."""
 
-    def __init__(self, value: Tensor, standard_error: Tensor) -> None:
-        self.value, self.standard_error = value, standard_error
+    def __init__(self, value: Tensor, standard_error: Tensor, about: About = ABOUT) -> None:
+        self.value, self.standard_error, self.about = value, standard_error, about
 
     def as_json(self) -> dict[str, Any]:
-        """Lists for a result file, None where a value is undefined."""
+        """Lists for a result file, None where a value is undefined, and how they are written."""
         return {
+            **self.about._asdict(),
             "mean": without_nan(self.value.tolist()),
             "standard_error": without_nan(self.standard_error.tolist()),
         }
 
 
-def skill(mse: Tensor, reference: Tensor) -> Skill:
+def skill(mse: Tensor, reference: Tensor, about: About = ABOUT) -> Skill:
     """Skill of per-window errors `mse` (W, N) against the `reference`'s (W, N) on the same windows, row by row.
 
     1 - mean(mse) / mean(reference): 1 is perfect, 0 no better, below 0 worse (the mean squared error skill score,
@@ -38,7 +42,7 @@ def skill(mse: Tensor, reference: Tensor) -> Skill:
     residual = mse - ratio * reference  # its mean over windows is 0
     n = len(mse)
     error = (residual.square().sum(0) / torch.tensor(float(n - 1)) / n).sqrt() / scale
-    return Skill(1 - ratio, error)
+    return Skill(1 - ratio, error, about)
 
 
 def skill_against(result: PerHorizon, reference: PerHorizon) -> Skill:
@@ -58,6 +62,9 @@ class StaticSkill(WindowMetric):
     0.75
     """
 
+    name = "skill"
+    title = "Skill against the static baseline"
+    direction = "higher"
     higher_is_better = True
     needs_last = True
 
@@ -71,4 +78,4 @@ class StaticSkill(WindowMetric):
     def compute(self) -> Skill:
         """Skill over all windows seen in all processes."""
         _, values = self.rows()
-        return skill(values[:, : self.horizons], values[:, self.horizons :])
+        return skill(values[:, : self.horizons], values[:, self.horizons :], self.about)

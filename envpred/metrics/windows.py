@@ -1,12 +1,15 @@
 """What all metrics share: a few numbers per test window, kept so that means are right in one process and in many."""
 
+import re
 from abc import abstractmethod
 from math import isfinite
-from typing import Any
+from typing import Any, ClassVar
 
 import torch
 from torch import Tensor
 from torchmetrics import Metric
+
+from envpred.metrics.about import About, Direction
 
 ANONYMOUS = -1  # the index of a window that has none: never taken for a duplicate
 LARGEST_INDEX = 2**24  # float32, the type of the state, holds whole numbers exactly up to here
@@ -15,16 +18,18 @@ LARGEST_INDEX = 2**24  # float32, the type of the state, holds whole numbers exa
 class PerHorizon:
     """A metric over windows: `mean` and `standard_error` (N,), `per_window` (W, N) and the windows' `index` (W,).
 
-    Undefined values (no such cell in that window) are NaN.  Not a tuple or dataclass: torchmetrics would turn the
-    tensors of one element inside it (one window, one horizon) into scalars.
+    Undefined values (no such cell in that window) are NaN; `about` says how they are written.  Not a tuple or
+    dataclass: torchmetrics would turn the tensors of one element inside it (one window, one horizon) into scalars.
     """
 
-    def __init__(self, mean: Tensor, standard_error: Tensor, per_window: Tensor, index: Tensor) -> None:
+    def __init__(self, mean: Tensor, standard_error: Tensor, per_window: Tensor, index: Tensor, about: About) -> None:
         self.mean, self.standard_error, self.per_window, self.index = mean, standard_error, per_window, index
+        self.about = about
 
     def as_json(self) -> dict[str, Any]:
-        """Lists for a result file, None where a value is undefined: JSON has no NaN."""
+        """Lists for a result file, None where a value is undefined (JSON has no NaN), and how they are written."""
         return {
+            **self.about._asdict(),
             "mean": without_nan(self.mean.tolist()),
             "standard_error": without_nan(self.standard_error.tolist()),
             "per_window": [without_nan(row) for row in self.per_window.tolist()],
@@ -36,7 +41,7 @@ def without_nan(values: list[float]) -> list[float | None]:
     return [value if isfinite(value) else None for value in values]
 
 
-def summarise(per_window: Tensor, index: Tensor, skip_undefined: bool = False) -> PerHorizon:
+def summarise(per_window: Tensor, index: Tensor, about: About, skip_undefined: bool = False) -> PerHorizon:
     """Mean and standard error (sample standard deviation / sqrt(n)) of `per_window` (W, N), windows `index` (W,).
 
     With `skip_undefined` NaN means "undefined in this window" and n counts the others; without, NaN is passed on.
@@ -49,7 +54,7 @@ def summarise(per_window: Tensor, index: Tensor, skip_undefined: bool = False) -
     squares = (values - mean).where(counted, 0.0).square().sum(0)
     # (n - 1).clamp: one window has no spread, 0/0 = NaN rather than 0/-1.
     error = (squares / (n - 1).clamp(min=0)).sqrt() / n.sqrt()
-    return PerHorizon(mean, error, values, index)
+    return PerHorizon(mean, error, values, index, about)
 
 
 class WindowMetric(Metric):
@@ -58,13 +63,34 @@ class WindowMetric(Metric):
     `update(forecast (B, N, H, W), target (B, N, H, W), last (B, H, W) | None, index (B,) | None)` takes probabilities
     of occupied; `last` is the last grid shown.  `index` is the window's place in the test set: a distributed sampler
     pads with windows it has already given, and `rows` drops them by it.  Memory: 4 * (width + 1) bytes a window.
+
+    What stands on the class: `name`, the key in a result (by default that of the class: `FalseAlarms` ->
+    `false_alarms`), `title` (by default the class's name), `unit`, `digits`, `factor` and `direction` as in `About`;
+    torchmetrics' `higher_is_better`, which must agree with `direction` (None for a number); `needs_last`.
     """
 
     full_state_update = False
     is_differentiable = False
+    higher_is_better: bool | None = False
     needs_last = False
+    name: ClassVar[str]
+    title: ClassVar[str]
+    unit: ClassVar[str] = ""
+    digits: ClassVar[int] = 3
+    factor: ClassVar[float] = 1.0
+    direction: ClassVar[Direction] = "lower"
 
     rows_state: list[Tensor] | Tensor
+
+    def __init_subclass__(cls, **kwargs: Any) -> None:
+        super().__init_subclass__(**kwargs)
+        named = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", cls.__name__.lstrip("_"))
+        cls.name = cls.__dict__.get("name", named.lower())
+        cls.title = cls.__dict__.get("title", named.replace("_", " "))
+        if cls.higher_is_better != {"lower": False, "higher": True}.get(str(cls.direction)):
+            raise TypeError(
+                f"{cls.__name__}: direction {cls.direction!r} and higher_is_better {cls.higher_is_better} disagree"
+            )
 
     def __init__(self, horizons: int = 15, **kwargs: Any) -> None:
         super().__init__(**kwargs)
@@ -79,6 +105,16 @@ class WindowMetric(Metric):
     def width(self) -> int:
         """Numbers kept per window."""
         return self.horizons
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """Keys of a result that it gives."""
+        return (self.name,)
+
+    @property
+    def about(self) -> About:
+        """How its values are written."""
+        return About(self.title, self.unit, self.digits, self.factor, self.direction)
 
     @abstractmethod
     def measure(self, forecast: Tensor, target: Tensor, last: Tensor) -> Tensor:
@@ -128,4 +164,4 @@ class HorizonMetric(WindowMetric):
     def compute(self) -> PerHorizon:
         """Mean and standard error over all windows seen in all processes, and the windows' own values."""
         index, values = self.rows()
-        return summarise(values, index, self.skip_undefined)
+        return summarise(values, index, self.about, self.skip_undefined)

@@ -19,15 +19,15 @@ from matplotlib.image import AxesImage
 from numpy.typing import NDArray
 from PIL import Image
 
-from envpred.horizons import PERIOD
 from envpred.mapping.evidence import pignistic
-from envpred.mapping.geometry import EGO, FREE, OCCUPIED, UNKNOWN, GridSpec
+from envpred.mapping.geometry import EGO, FREE, OCCUPIED, UNKNOWN
 
 Grid = NDArray[np.floating] | NDArray[np.uint8]
 
 LABEL_COLOURS = {UNKNOWN: "#bbbbbb", OCCUPIED: "#000000", FREE: "#ffffff", EGO: "#e69f00"}
 LABEL_NAMES = {UNKNOWN: "unknown", OCCUPIED: "occupied", FREE: "free", EGO: "ego"}
 ORANGE, SKY, GREEN, VERMILION, GREY = "#e69f00", "#56b4e9", "#009e73", "#d55e00", "#999999"
+BLUE, PURPLE, BLACK = "#0072b2", "#cc79a7", "#000000"
 
 
 def figure(width: float, height: float, layout: Literal["constrained"] | None = "constrained") -> Figure:
@@ -45,15 +45,20 @@ def save(fig: Figure, file: Path | str) -> Path:
     return file
 
 
-def draw_grid(ax: Axes, grid: Grid, resolution: float = GridSpec().resolution, **options: Any) -> AxesImage:
-    """Draw `grid` (H, W) as a map: east right, north up, metres from the centre cell."""
-    half = grid.shape[0] // 2
-    low, high = (-half - 0.5) * resolution, (grid.shape[0] - half - 0.5) * resolution
+def edges(cells: int, resolution: float) -> tuple[float, float]:
+    """Where a grid of so many cells of `resolution` metres begins and ends, in metres from its centre cell's middle."""
+    half = cells // 2
+    return (-half - 0.5) * resolution, (cells - half - 0.5) * resolution
+
+
+def draw_grid(ax: Axes, grid: Grid, resolution: float, **options: Any) -> AxesImage:
+    """Draw `grid` (H, W), cells of `resolution` metres, as a map: east right, north up, metres from the centre cell."""
+    low, high = edges(grid.shape[0], resolution)
     return ax.imshow(grid.T, origin="lower", extent=(low, high, low, high), interpolation="nearest", **options)
 
 
-def draw_labels(ax: Axes, labels: NDArray[np.uint8], resolution: float = GridSpec().resolution) -> None:
-    """Draw a label grid (H, W) with a key of its codes."""
+def draw_labels(ax: Axes, labels: NDArray[np.uint8], resolution: float) -> None:
+    """Draw a label grid (H, W) of cells of `resolution` metres with a key of its codes."""
     colours = ListedColormap([LABEL_COLOURS[code] for code in sorted(LABEL_COLOURS)])
     draw_grid(ax, labels, resolution, cmap=colours, vmin=-0.5, vmax=3.5)
     for code, name in LABEL_NAMES.items():
@@ -63,11 +68,14 @@ def draw_labels(ax: Axes, labels: NDArray[np.uint8], resolution: float = GridSpe
     ax.set_ylabel("north (m)")
 
 
-def mapping_overview(labels: NDArray[np.uint8], mass: NDArray[np.float32]) -> Figure:
-    """One mapped frame: label grid (H, W), masses of occupied and free (2, H, W), and the probability of occupied."""
+def mapping_overview(labels: NDArray[np.uint8], mass: NDArray[np.float32], resolution: float) -> Figure:
+    """One mapped frame: label grid (H, W), masses of occupied and free (2, H, W), and the probability of occupied.
+
+    Cells are `resolution` metres wide.
+    """
     fig = figure(15.5, 4.2)
     axes = fig.subplots(1, 4, sharex=True, sharey=True)
-    draw_labels(axes[0], labels)
+    draw_labels(axes[0], labels, resolution)
     panels = (
         ("mass of occupied", mass[0], "viridis"),
         ("mass of free", mass[1], "viridis"),
@@ -75,14 +83,21 @@ def mapping_overview(labels: NDArray[np.uint8], mass: NDArray[np.float32]) -> Fi
     )
     axes[0].set_title("label grid")
     for ax, (name, grid, colours) in zip(axes[1:], panels, strict=True):
-        fig.colorbar(draw_grid(ax, grid, cmap=colours, vmin=0, vmax=1), ax=ax, shrink=0.8)
+        fig.colorbar(draw_grid(ax, grid, resolution, cmap=colours, vmin=0, vmax=1), ax=ax, shrink=0.8)
         ax.set_title(name)
         ax.set_xlabel("east (m)")
     return fig
 
 
-def drive_animation(labels: NDArray[np.uint8], mass: NDArray[np.floating], scale: int = 2) -> bytes:
-    """A GIF of a whole drive at its own pace: label grids (T, H, W) left, probability of occupied right."""
+def drive_animation(labels: NDArray[np.uint8], mass: NDArray[np.floating], period: float, scale: int = 2) -> bytes:
+    """A GIF of a whole drive at its own pace: label grids (T, H, W) left, probability of occupied right.
+
+    Args:
+        labels: codes (T, H, W).
+        mass: of occupied and free (T, 2, H, W).
+        period: seconds between frames.
+        scale: pixels a cell.
+    """
     palette = np.array([[int(LABEL_COLOURS[code][k : k + 2], 16) for k in (1, 3, 5)] for code in range(4)], np.uint8)
     frames = []
     for label, masses in zip(labels, mass, strict=True):
@@ -90,13 +105,13 @@ def drive_animation(labels: NDArray[np.uint8], mass: NDArray[np.floating], scale
         tiles = [palette[label], np.repeat(grey[..., None], 3, axis=2)]
         tile = np.concatenate([t.transpose(1, 0, 2)[::-1] for t in tiles], axis=1)  # as maps: north up
         frames.append(Image.fromarray(tile.repeat(scale, 0).repeat(scale, 1)))
-    return gif(frames)
+    return gif(frames, period)
 
 
-def gif(frames: Sequence[Image.Image], milliseconds: int = int(1000 * PERIOD)) -> bytes:
-    """`frames` as a GIF that repeats, by default at a drive's own pace."""
+def gif(frames: Sequence[Image.Image], seconds: float) -> bytes:
+    """`frames` as a GIF that repeats and shows each for so many `seconds`."""
     out = io.BytesIO()
-    frames[0].save(out, "GIF", save_all=True, append_images=frames[1:], duration=milliseconds, loop=0)
+    frames[0].save(out, "GIF", save_all=True, append_images=frames[1:], duration=round(1000 * seconds), loop=0)
     return out.getvalue()
 
 

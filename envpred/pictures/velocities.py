@@ -3,8 +3,7 @@
 What stands is black, as occupied cells are drawn everywhere; only cells that the filter finds to move have a colour.
 """
 
-from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, cast
+from typing import cast
 
 import numpy as np
 import torch
@@ -16,23 +15,19 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 from numpy.typing import NDArray
 from PIL import Image
-from torch import Tensor
 
-from envpred.horizons import SHOWN_HORIZONS, horizon_name
-from envpred.mapping.dogma import VELOCITY_SCALE, moving_velocity
-from envpred.mapping.geometry import EGO, FREE, OCCUPIED, UNKNOWN, GridSpec, heading_of
+from envpred.horizons import PERIOD, in_seconds, shown_steps
+from envpred.mapping.dogma import moving_velocity
+from envpred.mapping.geometry import EGO, FREE, OCCUPIED, UNKNOWN, heading_of
 from envpred.pictures.grids import LABEL_COLOURS, draw_grid, figure, gif
 from envpred.store import StoredDrive
-
-if TYPE_CHECKING:  # Lightning, which only training needs
-    from envpred.datamodules import WindowBatch
-    from envpred.models import Forecaster
 
 FASTEST = 12.0  # m/s; what is faster has the colour of the wheel's rim
 EGO_COLOUR = "#777777"  # a grey, as colours mean directions here
 EGO_ARROW = np.array([[2.2, 0.0], [-1.2, 1.1], [-0.6, 0.0], [-1.2, -1.1]])  # m, ahead and to the left
 
 Picture = NDArray[np.float32]  # (H, W, 3) colours in [0, 1], first axis east
+Moving = tuple[NDArray[np.floating], NDArray[np.floating]]  # probability of occupied (..., H, W), m/s (..., 2, H, W)
 
 
 def colour_of(velocity: NDArray[np.floating]) -> Picture:
@@ -74,10 +69,11 @@ def draw_wheel(ax: Axes, size: float = 0.26) -> None:
     wheel.text(0, 0, f"{FASTEST:.0f} m/s\nat the rim", ha="center", va="center", fontsize=4.5, color="white")
 
 
-def draw_picture(
-    ax: Axes, picture: Picture, heading: float | None = None, resolution: float = GridSpec().resolution
-) -> tuple[Artist, Artist]:
-    """Draw colours (H, W, 3) as a map, and the ego at its centre: an arrow along `heading` (radians), else a dot."""
+def draw_picture(ax: Axes, picture: Picture, resolution: float, heading: float | None = None) -> tuple[Artist, Artist]:
+    """Draw colours (H, W, 3) of cells of `resolution` metres as a map, with the ego at its centre.
+
+    The ego is an arrow along `heading` (radians), or a dot where none is given.
+    """
     image = draw_grid(ax, picture[..., 0], resolution)
     image.set_data(picture.transpose(1, 0, 2))
     if heading is None:
@@ -94,7 +90,8 @@ def of_frame(drive: StoredDrive, frame: int) -> Figure:
         UserError: if the drive has no velocities.
     """
     ax = _framed()
-    draw_picture(ax, *_stored(drive, frame), drive.manifest["lattice"]["resolution"])
+    picture, heading = _stored(drive, frame)
+    draw_picture(ax, picture, drive.manifest["lattice"]["resolution"], heading)
     ax.set_title(f"{drive.name}, frame {drive.frames[frame]}", fontsize=9)
     return cast(Figure, ax.figure)
 
@@ -109,42 +106,44 @@ def of_drive(drive: StoredDrive) -> bytes:
     canvas = FigureCanvasAgg(cast(Figure, ax.figure))
     frames = []
     for t, number in enumerate(drive.frames):
-        artists = draw_picture(ax, *_stored(drive, t), drive.manifest["lattice"]["resolution"])
+        picture, heading = _stored(drive, t)
+        artists = draw_picture(ax, picture, drive.manifest["lattice"]["resolution"], heading)
         ax.set_title(f"{drive.name}, frame {number}", fontsize=9)
         canvas.draw()  # type: ignore[no-untyped-call]
         shown = np.asarray(canvas.buffer_rgba())[..., :3]  # type: ignore[no-untyped-call]
         frames.append(Image.fromarray(shown.copy()).quantize(256))
         for artist in artists:
             artist.remove()
-    return gif(frames)
+    return gif(frames, drive.manifest.get("period", PERIOD))
 
 
 def velocity_strip(
-    shown: tuple[NDArray[np.floating], NDArray[np.floating]],
-    target: tuple[NDArray[np.floating], NDArray[np.floating]],
-    forecast: tuple[NDArray[np.floating], NDArray[np.floating]] | None,
-    horizons: Sequence[int],
-    title: str = "",
+    shown: Moving, target: Moving, forecast: Moving | None, resolution: float, period: float, title: str = ""
 ) -> Figure:
-    """The last frame shown, then targets over forecasts at some `horizons` (1 is the first), all with velocities.
+    """The last frame shown, then targets over forecasts at the paper's horizons, all with velocities.
 
-    Each is the probability of occupied and the velocity in m/s: `shown` (H, W) and (2, H, W), `target` and `forecast`
-    with a leading axis N.  A forecaster of occupancy alone has no `forecast` here.
+    Args:
+        shown: probability of occupied (H, W) and velocity (2, H, W) in m/s of the last frame shown.
+        target: those of the frames after it, (N, H, W) and (N, 2, H, W).
+        forecast: the same as forecast; None of a forecaster of occupancy alone.
+        resolution: side of a cell in metres.
+        period: seconds between frames.
+        title: of the whole.
     """
-    chosen = [h for h in horizons if h <= len(target[0])]
+    chosen = shown_steps(len(target[0]), period)
     rows = [("target", target)] + ([("forecast", forecast)] if forecast is not None else [])
     width, height = 2.3 * (len(chosen) + 1) + 0.9, 2.3 * len(rows) + 0.9
-    # Placed by hand, as in `forecasts.forecast_strip`.
+    # Placed by hand, as in `panels`.
     fig = figure(width, height, layout=None)
     axes = fig.subplots(len(rows), len(chosen) + 1, sharex=True, sharey=True, squeeze=False)
     fig.subplots_adjust(0.75 / width, 0.5 / height, 1 - 0.1 / width, 1 - 0.55 / height, 0.06, 0.06)
     for row, (name, (probability, velocity)) in enumerate(rows):
         axes[row, min(row, 1)].set_ylabel(f"{name}\nnorth (m)", fontsize=8)
         for ax, h in zip(axes[row, 1:], chosen, strict=True):
-            draw_picture(ax, over_occupancy(probability[h - 1], velocity[h - 1]))
+            draw_picture(ax, over_occupancy(probability[h - 1], velocity[h - 1]), resolution)
             if row == 0:
-                ax.set_title(horizon_name(h), fontsize=9)
-    draw_picture(axes[0, 0], over_occupancy(*shown))
+                ax.set_title(in_seconds(h * period), fontsize=9)
+    draw_picture(axes[0, 0], over_occupancy(*shown), resolution)
     axes[0, 0].set_title("last frame shown", fontsize=9)
     draw_wheel(axes[0, 0], 0.36)
     for ax in axes[1:, 0]:
@@ -155,28 +154,6 @@ def velocity_strip(
         ax.tick_params(labelsize=7)
     fig.suptitle(title, fontsize=9)
     return fig
-
-
-def of_window(model: "Forecaster", batch: "WindowBatch", title: str) -> Figure | None:
-    """The velocities of the first window of `batch` and, of a forecaster of all channels, those it forecasts.
-
-    None if the model's variant has no velocities.
-    """
-    channels = model.view.velocity
-    if channels is None:
-        return None
-
-    def seen(frames: Tensor) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        probability, velocity = model.view.probability(frames), VELOCITY_SCALE * frames[..., list(channels), :, :]
-        return probability.float().cpu().numpy(), velocity.float().cpu().numpy()
-
-    frames = batch["frames"][0]
-    forecast = None
-    forecast_frames = cast("Callable[[WindowBatch, int], Tensor] | None", getattr(model, "forecast_frames", None))
-    if forecast_frames is not None:
-        with torch.no_grad():
-            forecast = seen(forecast_frames(batch, model.given)[0])
-    return velocity_strip(seen(frames[model.given - 1]), seen(frames[model.given :]), forecast, SHOWN_HORIZONS, title)
 
 
 def _stored(drive: StoredDrive, t: int) -> tuple[Picture, float]:

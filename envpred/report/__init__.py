@@ -3,25 +3,17 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from envpred.pictures.forecasts import scene_animation, scene_strip
+from envpred.pictures.animations import scene_animation
+from envpred.pictures.forecasts import scene_strip
 from envpred.pictures.grids import save
 from envpred.report.curves import error_curves, reliability_diagram
+from envpred.report.details import metric_tables, models_table, pairs_table
 from envpred.report.page import Picture, page, pictures_of
 from envpred.report.pictures import compared_scenes
-from envpred.report.runs import Run, read_runs
-from envpred.report.tables import (
-    comparisons,
-    methods,
-    methods_table,
-    models_table,
-    moved_ratio_table,
-    other_tables,
-    pairs_table,
-    published_table,
-    ratio_table,
-    shown_columns,
-    variants_table,
-)
+from envpred.report.ratios import moved_ratio_table, ratio_table
+from envpred.report.run import Run
+from envpred.report.runs import read_runs
+from envpred.report.tables import comparisons, methods, methods_table, published_table, shown_columns, variants_table
 from envpred.results.scenes import Scene
 
 PAGE = "report.html"
@@ -43,7 +35,7 @@ def report(runs: Sequence[Path], out: Path, same_inputs: bool = True) -> Path:
     Args:
         runs: result files, or folders that hold some, all of the same test windows.
         out: folder for the report.
-        same_inputs: whether runs of one variant must have read the same velocities.
+        same_inputs: whether runs must have read the same of an array beside what is judged, a velocity say.
 
     Raises:
         UserError: if a result is missing, damaged, partial, stale or of other windows; nothing is written.
@@ -53,7 +45,7 @@ def report(runs: Sequence[Path], out: Path, same_inputs: bool = True) -> Path:
     pairs = comparisons(methods(read), shown_columns(read[0]))
     tables = (methods_table(read, pairs), variants_table(read), ratio_table(read), moved_ratio_table(read))
     measured = [table for table in tables if table is not None]
-    appendix = [*other_tables(read), *([pairs_table(read, pairs)] if pairs else []), models_table(read)]
+    appendix = [*metric_tables(read), *([pairs_table(read, pairs)] if pairs else []), models_table(read)]
     published = [published_table()]
     figures = {"error": ("Error over the horizon", error_curves(read))}
     reliability = reliability_diagram(read)

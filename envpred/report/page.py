@@ -3,12 +3,14 @@
 import base64
 import html
 import mimetypes
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from envpred.errors import UserError
-from envpred.report.runs import Run
+from envpred.horizons import in_seconds
+from envpred.report.run import Run
 from envpred.report.table import Table
 
 LONG = 24  # rows from which a table of the appendix is folded
@@ -58,16 +60,22 @@ class Picture:
 
 
 def pictures_of(runs: Sequence[Run]) -> list[Picture]:
-    """The strips and animations that the runs' results name, by paths relative to the result file.
+    """All pictures that the runs' results name, by paths relative to the result file; their names are captions.
 
-    A run that kept its forecasts is animated beside the others, and not by itself as well.
+    In the order of their windows.  A run that kept its forecasts is animated beside the others, and not by itself as
+    well.
     """
     return [
         Picture.read(run.file.parent / path, f"{run.label}: {name.replace('_', ' ')}")
         for run in runs
-        for name, path in (run.record.get("pictures") or {}).items()
+        for name, path in sorted((run.record.get("pictures") or {}).items(), key=lambda item: _natural(item[0]))
         if not (run.record.get("drawn") and path.endswith(".gif"))
     ]
+
+
+def _natural(name: str) -> list[tuple[int, str]]:
+    """A key by which `window_2` sorts before `window_10`."""
+    return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", name)]
 
 
 def page(
@@ -93,7 +101,7 @@ def page(
         parts.append("<h2>Forecasts of the same windows</h2>")
         parts += [picture.html() for picture in compared]
     if pictures:
-        parts.append("<details><summary>Forecasts of each run, with their errors</summary>")
+        parts.append("<details><summary>Pictures of each run by itself</summary>")
         parts += [picture.html() for picture in pictures]
         parts.append("</details>")
     parts.append("<h2>Details</h2>")
@@ -122,8 +130,9 @@ def _data(run: Run) -> str:
     facts = {
         "test drives": ", ".join(str(drive) for drive in data.get("drives", [])),
         "windows": f"{len(windows)} ({data.get('window_rule', 'rule not told')})",
-        "frames": f"{data.get('given')} shown, {len(run.horizon_s)} forecast ({run.horizon_s[0]:.1f} to "
-        f"{run.horizon_s[-1]:.1f} s ahead)",
+        "frames": f"{data.get('given')} shown, {len(run.horizon_s)} forecast ({in_seconds(run.horizon_s[0])} to "
+        f"{in_seconds(run.horizon_s[-1])} ahead)",
+        **({"cells": f"{data['resolution']:.3g} m wide"} if "resolution" in data else {}),
         "split": str(data.get("split")),
         "hash of the grids": str(data.get("store_hash")),
     }

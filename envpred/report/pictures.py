@@ -7,7 +7,7 @@ import numpy as np
 
 from envpred.errors import UserError
 from envpred.report.published import STATIC
-from envpred.report.runs import Run
+from envpred.report.run import Run
 from envpred.results.scenes import Scene, read_scenes, together
 
 RELATIVE, ABSOLUTE = 0.02, 1e-5  # between a squared error and that of grids kept as halves
@@ -22,7 +22,7 @@ def drawn_scenes(run: Run) -> dict[int, Scene]:
     if run.record.get("drawn") is None:
         return {}
     file = run.file.parent / str(run.record["drawn"])
-    scenes = read_scenes(file, run.label)
+    scenes = read_scenes(file, run.label, run.is_oracle)
     windows, judged = run.data["windows"], run.mse.per_window
     for index, scene in scenes.items():
         forecast = scene.forecasts[run.label]
@@ -47,6 +47,6 @@ def compared_scenes(runs: Sequence[Run]) -> list[Scene]:
     if not drawn:
         return []
     common = [together([scenes[k] for scenes in drawn]) for k in drawn[0] if all(k in scenes for scenes in drawn)]
-    if any(run.name == "last_frame" for run in runs):
+    if any(run.role == "static" for run in runs):
         return common
     return [replace(scene, forecasts=scene.forecasts | {STATIC: scene.static}) for scene in common]

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 
 SOURCE = "published: Itkina et al. 2019, seven other drives of KITTI"
-CURVE_OF = {"prednet": "prednet_dst_dogma", "fcn": "fcn_prob_dogma", "particle_filter": "particle_filter"}
 STATIC = "static"
 CURVE_NAMES = {
     "prednet_dst_dogma": "PredNet (dst_dogma)",
@@ -61,9 +60,11 @@ def table_1() -> dict[str, Curve]:
 
 
 def counterpart(name: str, variant: str) -> Curve | None:
-    """What the paper published for the method `name` with input `variant`, None if nothing."""
+    """What the paper published for the method `name`, as results name it, with input `variant`; None if nothing."""
     if name == "prednet":
         return table_1().get(variant)
-    if name in (STATIC, "last_frame"):
-        return curves()[STATIC]
-    return curves()[CURVE_OF[name]] if name in CURVE_OF else None
+    if name == "fcn":
+        return curves().get(f"fcn_{variant}")  # it published that of prob_dogma alone
+    if name == "particle_forecast":  # reads the filter's particles, whatever the variant
+        return curves()["particle_filter"]
+    return curves()[STATIC] if name == STATIC else None

@@ -2,64 +2,24 @@
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from envpred.errors import UserError
+from envpred.metrics.about import About
+from envpred.report.comparable import ROUNDING, check_comparable
+from envpred.report.run import FloatArray, Measured, Run
 from envpred.results.result import FORMAT, RESULT
-
-FloatArray = NDArray[np.float64]
-
-# What two results must agree in to be compared, as data -> what a user calls it.
-SAME_DATA = {
-    "store_hash": "grids",
-    "split": "split",
-    "given": "number of frames shown",
-    "length": "window length",
-    "window_rule": "window rule",
-    "drives": "test drives",
-    "windows": "test windows",
-}
-ROUNDING = 1e-4  # relative; the same numbers summed on another device
-
-
-@dataclass(frozen=True)
-class Measured:
-    """A metric of a run: `mean` and `standard_error` (N,), `per_window` (W, N) or None; NaN where undefined."""
-
-    mean: FloatArray
-    standard_error: FloatArray
-    per_window: FloatArray | None
-
-
-@dataclass(frozen=True)
-class Run:
-    """One test run, as its result file tells it; `label` names it within a report."""
-
-    file: Path
-    label: str
-    name: str
-    variant: str
-    horizon_s: FloatArray
-    metrics: dict[str, Measured]
-    reliability: dict[str, FloatArray] | None
-    data: dict[str, Any]
-    record: dict[str, Any]
-
-    @property
-    def mse(self) -> Measured:
-        """The mean squared error, which every result has."""
-        return self.metrics["mse"]
 
 
 def read_runs(paths: Sequence[Path], same_inputs: bool = True) -> list[Run]:
     """The runs of result files, or of folders that hold some, checked to be of the same windows.
 
-    With `same_inputs` False runs of one variant may have read other velocities, as where those are what is compared.
+    With `same_inputs` False an array beside what is judged (a velocity, say) may differ between runs, as where that is
+    what is compared.
 
     Raises:
         UserError: naming the file and what is wrong with it: missing, damaged, of another format, partial, stale (other
@@ -69,8 +29,7 @@ def read_runs(paths: Sequence[Path], same_inputs: bool = True) -> list[Run]:
     runs = [read_run(file) for file in dict.fromkeys(file.resolve() for file in files)]
     if not runs:
         raise UserError("no test run given; name folders or files of results, as `envpred test` writes them")
-    for run in runs[1:]:
-        _check_comparable(runs[0], run, same_inputs)
+    check_comparable(runs, same_inputs)
     return _with_distinct_labels(runs)
 
 
@@ -89,7 +48,9 @@ def read_run(file: Path) -> Run:
         raise UserError(f"{file}: format {found}, this version reads {FORMAT}; run `envpred test` again")
     try:
         horizon_s = np.array(record["horizon_s"], np.float64)
-        name, variant, data = str(record["model"]["name"]), str(record["variant"]), dict(record["data"])
+        name, role, variant = str(record["model"]["name"]), str(record["role"]), str(record["variant"])
+        data = dict(record["data"])
+        data["input_hash"] = dict(data["input_hash"])
         metrics = {
             key: _measured(file, key, value, len(horizon_s), len(data["windows"]))
             for key, value in record["metrics"].items()
@@ -102,7 +63,7 @@ def read_run(file: Path) -> Run:
         raise UserError(f"{file}: incomplete, no mean squared error per window; run `envpred test` again")
     bins = {key: _array(value) for key, value in reliability.items()} if reliability else None
     label = f"{name} ({variant})"
-    return Run(file, label, name, variant, horizon_s, metrics, bins, data, record)
+    return Run(file, label, name, role, variant, horizon_s, metrics, bins, data, record)
 
 
 def _result_files(path: Path) -> list[Path]:
@@ -122,8 +83,9 @@ def _measured(file: Path, key: str, value: dict[str, Any], horizons: int, window
         raise UserError(
             f"{file}: partial, {key} has {len(mean)} of the {horizons} horizons; run `envpred test` again to the end"
         )
+    about = About.of(value)
     if "per_window" not in value:
-        return Measured(mean, error, None)
+        return Measured(mean, error, None, about)
     per_window = _array(value["per_window"])
     if per_window.shape != (windows, horizons):
         raise UserError(
@@ -135,7 +97,7 @@ def _measured(file: Path, key: str, value: dict[str, Any], horizons: int, window
     again = np.divide(sums, counted.sum(axis=0), out=np.full(horizons, np.nan), where=counted.any(axis=0))
     if not np.allclose(again, mean, rtol=ROUNDING, equal_nan=True):
         raise UserError(f"{file}: damaged, the mean of {key} is not that of its windows; run `envpred test` again")
-    return Measured(mean, error, per_window)
+    return Measured(mean, error, per_window, about)
 
 
 def _array(values: Any) -> FloatArray:
@@ -145,35 +107,6 @@ def _array(values: Any) -> FloatArray:
 
 def _what(error: Exception) -> str:
     return f"{error} is missing" if isinstance(error, KeyError) else str(error)
-
-
-def _check_comparable(first: Run, other: Run, same_inputs: bool) -> None:
-    """Refuse two runs that were not measured on the same windows of the same grids."""
-    for key, what in SAME_DATA.items():
-        here, there = first.data.get(key), other.data.get(key)
-        if here != there:
-            stale = " (built again since, or another store)" if key == "store_hash" else ""
-            shown = "" if key in ("windows", "store_hash") else f": {there} against {here}"
-            raise UserError(
-                f"{other.file}: other {what}{shown}{stale} than {first.file}; "
-                "a report compares runs on the same windows: test both on the same data, or report them apart"
-            )
-    differ = first.data.get("input_hash") != other.data.get("input_hash")
-    if same_inputs and first.variant == other.variant and differ:
-        raise UserError(
-            f"{other.file}: other velocities (built again since, or another store) than {first.file}, though both read "
-            f"{first.variant}; run `envpred test` again for both"
-        )
-    if not np.array_equal(first.horizon_s, other.horizon_s):
-        missing = sorted(set(first.horizon_s) ^ set(other.horizon_s))
-        raise UserError(f"{other.file}: other horizons than {first.file}; {missing} s are in one of them only")
-    if "static_mse" in first.metrics and "static_mse" in other.metrics:
-        here, there = first.metrics["static_mse"].mean, other.metrics["static_mse"].mean
-        if not np.allclose(here, there, rtol=ROUNDING):
-            raise UserError(
-                f"{other.file}: its static baseline differs from that of {first.file}, so they judge other grids; "
-                "run `envpred test` again for both"
-            )
 
 
 def _with_distinct_labels(runs: list[Run]) -> list[Run]:

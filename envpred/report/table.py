@@ -14,6 +14,7 @@ LATEX_SPECIAL = {
     **{
         "±": r"$\pm$",
         "×": r"$\times$",
+        "†": r"$\dagger$",
         "↑": r"$\uparrow$",
         "↓": r"$\downarrow$",
         "–": "--",

@@ -7,7 +7,10 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 OCCUPIED_FROM, FREE_BELOW = 0.85, 0.20  # as the image similarity's classes: sure of it either way
-EGO_CELLS = 9  # the ego's body reaches 3 m from the centre cell
+EGO_REACH = 3.0  # m that the ego's body reaches from the centre cell
+AREA = (0.44, 13.4)  # m2 that moved into; less is noise, more a wall that came into sight
+MARGIN = 1.0  # m around a mover
+BACK_S = 0.5  # s for which a mover's place was free before
 EIGHT = np.ones((3, 3), np.bool_)  # cells that touch at a corner belong together
 
 
@@ -35,17 +38,26 @@ def movers(
     occupancy: NDArray[np.floating],
     centre_cell: NDArray[np.integer],
     frame: int,
+    resolution: float,
+    period: float,
     count: int = 2,
-    back: int = 5,
-    cells: tuple[int, int] = (4, 120),
+    area: tuple[float, float] = AREA,
 ) -> list[Mover]:
-    """The `count` largest movers in `frame` of `occupancy` (T, H, W), whose grids lie at `centre_cell` (T, 2).
+    """The `count` largest movers in a frame of a window.
 
-    Cells that are occupied now and were seen to be free `back` frames ago, at the same place in the world, joined
-    where they touch; patches outside the range of `cells` are noise, or a wall that came into sight.  The ego, at the
-    grid's centre, is left out.
+    Cells that are occupied now and were seen to be free half a second ago, at the same place in the world, joined
+    where they touch.  The ego, at the grid's centre, is left out.
+
+    Args:
+        occupancy: probability of occupied (T, H, W).
+        centre_cell: (T, 2), where those grids lie on one lattice.
+        frame: which of them.
+        resolution: side of a cell in metres.
+        period: seconds between frames.
+        count: how many, at most.
+        area: m2 of a patch, least and most.
     """
-    before = max(0, frame - back)
+    before = max(0, frame - max(1, round(BACK_S / period)))
     earlier = on_lattice_of(occupancy[before], centre_cell[frame] - centre_cell[before])
     came = (occupancy[frame] >= OCCUPIED_FROM) & (earlier < FREE_BELOW)
     patches, _ = ndimage.label(came, EIGHT)
@@ -54,8 +66,8 @@ def movers(
     for n in np.argsort(-sizes, kind="stable"):
         place = np.argwhere(patches == n)
         centre = place.mean(axis=0)
-        is_ego = np.hypot(*(centre - np.array(came.shape) // 2)) < EGO_CELLS
-        if n > 0 and cells[0] <= sizes[n] <= cells[1] and not is_ego and len(found) < count:
-            radius = np.abs(place - centre).max() + 3
+        is_ego = np.hypot(*(centre - np.array(came.shape) // 2)) * resolution < EGO_REACH
+        if n > 0 and area[0] <= sizes[n] * resolution**2 <= area[1] and not is_ego and len(found) < count:
+            radius = np.abs(place - centre).max() + MARGIN / resolution
             found.append(Mover(float(centre[0]), float(centre[1]), float(radius)))
     return found

@@ -7,6 +7,7 @@ The folder appears by one rename when all is written.
 """
 
 import zlib
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, cast
 
@@ -20,7 +21,7 @@ from envpred.results.scenes import Scene
 from envpred.store import MANIFEST, Store, StoredDrive
 from envpred.store.files import read_json
 
-FORMAT = 1
+FORMAT = 2
 WHAT = (
     "probability of occupied (horizon, i, j), i to the east, j to the north; cell (i, j) lies (i - cells/2, "
     "j - cells/2) cells from the cell that holds the ego at that horizon, not at the last frame shown"
@@ -112,9 +113,18 @@ class Predictions:
             UserError: if the window cannot be read, or the store holds other grids than those forecast from.
         """
         window, forecast = self.windows[k], self.forecast(k)
-        frames, name = tuple(window["frames"]), window["drive"]
-        seen = target = np.empty((0, *forecast.shape[1:]), np.float32)
-        centre_cell = np.empty((0, 2), np.int64)
+        frames, name, method = tuple(window["frames"]), window["drive"], method or self.label
+        scene = Scene(
+            name,
+            frames,
+            np.empty((0, *forecast.shape[1:]), np.float32),
+            np.empty((0, *forecast.shape[1:]), np.float32),
+            np.empty((0, 2), np.int64),
+            {method: forecast},
+            self.manifest["drives"][name]["resolution_m"],
+            self.manifest["horizon_s"][0],
+            oracles=frozenset({method} if self.manifest["role"] == "oracle" else ()),
+        )
         if store is not None:
             drive = store.drives.get(name)
             if drive is None or drive_entry(drive) != self.manifest["drives"][name]:
@@ -125,6 +135,14 @@ class Predictions:
             start, now = window["start"], window["start"] + len(frames)
             cut = slice(start, now + window["targets"])
             occupancy = pignistic(np.array(drive.array("evidence")[cut], np.float32))
-            seen, target = occupancy[: len(frames)], occupancy[len(frames) :]
-            centre_cell = np.array(drive.array("centre_cell")[cut], np.int64)
-        return Scene(name, frames, seen, target, centre_cell, {method or self.label: forecast})
+            context = None
+            if self.manifest["data"].get("context"):
+                context = pignistic(np.array(drive.array("context_evidence")[now - 1], np.float32))
+            scene = replace(
+                scene,
+                seen=occupancy[: len(frames)],
+                target=occupancy[len(frames) :],
+                centre_cell=np.array(drive.array("centre_cell")[cut], np.int64),
+                context=context,
+            )
+        return scene

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from envpred.errors import UserError
+from envpred.horizons import SHOWN_S, shown_steps
 from envpred.results.movers import Mover, movers
 
 Grids = NDArray[np.float32]
@@ -27,6 +28,10 @@ class Scene:
         target: probability of occupied (n, H, W) in the frames that follow, as far as there are any.
         centre_cell: (S + n, 2), where those grids lie on the drive's lattice.
         forecasts: (N, H, W) by method.
+        resolution: side of a cell in metres.
+        period: seconds between frames.
+        context: probability of occupied (H', W') of the wider grid around the last frame shown, where a method read it.
+        oracles: methods among `forecasts` that read the future.
     """
 
     drive: str
@@ -35,6 +40,10 @@ class Scene:
     target: Grids
     centre_cell: NDArray[np.int64]
     forecasts: dict[str, Grids]
+    resolution: float
+    period: float
+    context: Grids | None = None
+    oracles: frozenset[str] = frozenset()
 
     @property
     def where(self) -> str:
@@ -51,16 +60,24 @@ class Scene:
         """Horizons that a forecast reaches."""
         return max(len(forecast) for forecast in self.forecasts.values())
 
+    @property
+    def shown(self) -> tuple[int, ...]:
+        """The horizons that pictures show: the paper's, and the last if it lies beyond them."""
+        steps = shown_steps(self.horizons, self.period)
+        beyond = self.horizons * self.period > SHOWN_S[-1] and self.horizons not in steps
+        return (*steps, self.horizons) if beyond else steps
+
     def named(self, method: str) -> "Scene":
         """The same with another name for its only method."""
         (grids,) = self.forecasts.values()
-        return replace(self, forecasts={method: grids})
+        return replace(self, forecasts={method: grids}, oracles=frozenset({method} if self.oracles else ()))
 
     def movers(self, horizon: int) -> list[Mover]:
         """What moves in the target `horizon` frames ahead; nothing where there is none."""
         if horizon > len(self.target) or not len(self.seen):
             return []
-        return movers(np.concatenate([self.seen, self.target]), self.centre_cell, len(self.seen) - 1 + horizon)
+        grids, frame = np.concatenate([self.seen, self.target]), len(self.seen) - 1 + horizon
+        return movers(grids, self.centre_cell, frame, self.resolution, self.period)
 
 
 def together(scenes: Sequence[Scene]) -> Scene:
@@ -74,19 +91,29 @@ def together(scenes: Sequence[Scene]) -> Scene:
         named = ", ".join(other.forecasts)
         if (other.drive, other.frames[-1]) != (first.drive, first.frames[-1]):
             raise UserError(f"{named} forecasts another window ({other.where}) than {first.where}")
+        if not np.allclose((other.resolution, other.period), (first.resolution, first.period)):
+            raise UserError(
+                f"{named} forecasts cells of {other.resolution:.3g} m every {other.period:.3g} s, not of "
+                f"{first.resolution:.3g} m every {first.period:.3g} s"
+            )
         both = min(len(first.target), len(other.target))
         if first.target.shape[1:] != other.target.shape[1:] or not np.allclose(
             first.target[:both], other.target[:both], atol=TOLERANCE
         ):
             raise UserError(f"{named} was judged on other grids of {first.where}; forecast or test again on the same")
     longest = max(scenes, key=lambda scene: (len(scene.target), len(scene.seen)))
-    return replace(longest, forecasts={name: grids for scene in scenes for name, grids in scene.forecasts.items()})
+    return replace(
+        longest,
+        forecasts={name: grids for scene in scenes for name, grids in scene.forecasts.items()},
+        context=next((scene.context for scene in scenes if scene.context is not None), None),
+        oracles=frozenset().union(*(scene.oracles for scene in scenes)),
+    )
 
 
 def write_scenes(file: Path, scenes: Mapping[int, Scene]) -> None:
     """Keep scenes of one method, by their place among the test windows, in `file` (.npz, grids as halves).
 
-    All have the same shapes.
+    All have the same shapes, and all or none a context.
     """
     kept = list(scenes.values())
     arrays = {
@@ -97,7 +124,12 @@ def write_scenes(file: Path, scenes: Mapping[int, Scene]) -> None:
         "target": np.stack([scene.target for scene in kept]).astype(np.float16),
         "centre_cell": np.stack([scene.centre_cell for scene in kept]),
         "forecast": np.stack([next(iter(scene.forecasts.values())) for scene in kept]).astype(np.float16),
+        "resolution": np.array([scene.resolution for scene in kept]),
+        "period": np.array([scene.period for scene in kept]),
     }
+    contexts = [scene.context for scene in kept if scene.context is not None]
+    if contexts:
+        arrays["context"] = np.stack(contexts).astype(np.float16)
     part = file.with_name(f".{file.name}-{os.getpid()}.npz")
     try:
         np.savez_compressed(part, allow_pickle=False, **arrays)
@@ -106,8 +138,8 @@ def write_scenes(file: Path, scenes: Mapping[int, Scene]) -> None:
         part.unlink(missing_ok=True)
 
 
-def read_scenes(file: Path, method: str) -> dict[int, Scene]:
-    """What `write_scenes` kept; `method` names its forecasts.
+def read_scenes(file: Path, method: str, oracle: bool = False) -> dict[int, Scene]:
+    """What `write_scenes` kept; `method` names its forecasts, which read the future if it is an `oracle`.
 
     Raises:
         UserError: if the file is missing or damaged.
@@ -122,6 +154,10 @@ def read_scenes(file: Path, method: str) -> dict[int, Scene]:
                     arrays["target"][k].astype(np.float32),
                     arrays["centre_cell"][k],
                     {method: arrays["forecast"][k].astype(np.float32)},
+                    float(arrays["resolution"][k]),
+                    float(arrays["period"][k]),
+                    arrays["context"][k].astype(np.float32) if "context" in arrays else None,
+                    frozenset({method} if oracle else ()),
                 )
                 for k, index in enumerate(arrays["index"])
             }

@@ -4,31 +4,38 @@ import doctest
 import importlib
 import json
 import pkgutil
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
+from torch import Tensor
 
 import envpred.metrics
+from envpred.errors import UserError
 from envpred.metrics.collection import forecast_metrics
+from envpred.metrics.roc_auc import RocAuc
+from envpred.metrics.windows import HorizonMetric
 
-NAMES = {
-    *(
-        "mse",
-        "mse_dynamic_cells",
-        "mse_static_cells",
-        "skill",
-        "iou",
-        "precision",
-        "recall",
-        "roc_auc",
-        "brier",
-        "motion_ratio",
-    ),
-    *("image_similarity", "image_similarity_occupied", "image_similarity_free", "image_similarity_unknown"),
-    *("ece", "reliability"),
+TITLES = {
+    "mse": ("MSE", "lower"),
+    "mse_dynamic_cells": ("MSE, dynamic cells", "lower"),
+    "mse_static_cells": ("MSE, static cells", "lower"),
+    "skill": ("Skill against the static baseline", "higher"),
+    "iou": ("IoU at 0.5", "higher"),
+    "precision": ("Precision at 0.5", "higher"),
+    "recall": ("Recall at 0.5", "higher"),
+    "roc_auc": ("ROC area", "higher"),
+    "brier": ("Brier score", "lower"),
+    "motion_ratio": ("Motion ratio", 1.0),
+    "image_similarity": ("Image similarity", "lower"),
+    "image_similarity_occupied": ("Image similarity, occupied", "lower"),
+    "image_similarity_free": ("Image similarity, free", "lower"),
+    "image_similarity_unknown": ("Image similarity, unknown", "lower"),
+    "ece": ("Calibration error", "lower"),
 }
+NAMES = {*TITLES, "reliability"}
 
 
 def test_names_and_json() -> None:
@@ -38,12 +45,38 @@ def test_names_and_json() -> None:
     metrics.update(target, target, target[:, 0], torch.arange(2))
     result = metrics.compute()
     assert set(result) == NAMES
-    text = json.dumps({name: value.as_json() for name, value in result.items()}, allow_nan=False)
-    assert json.loads(text)["mse"] == {
-        "mean": [0, 0, 0],
-        "standard_error": [0, 0, 0],
-        "per_window": [[0, 0, 0], [0, 0, 0]],
-    }
+    written = json.loads(json.dumps({name: value.as_json() for name, value in result.items()}, allow_nan=False))
+    values = {"mean": [0, 0, 0], "standard_error": [0, 0, 0], "per_window": [[0, 0, 0], [0, 0, 0]]}
+    assert {key: written["mse"][key] for key in values} == values
+    assert {name: (told["title"], told["direction"]) for name, told in written.items() if "mean" in told} == TITLES
+
+
+class Bias(HorizonMetric):
+    """Mean of forecast - target: a metric of a user's own."""
+
+    title, unit, digits, factor, direction, higher_is_better = "Bias", "%", 1, 100.0, 0.0, None
+
+    def measure(self, forecast: Tensor, target: Tensor, last: Tensor) -> Tensor:
+        return (forecast - target).mean((-2, -1))
+
+
+def test_metrics_beside_the_standard_ones() -> None:
+    metrics = forecast_metrics(2, extra=[Bias])
+    target = torch.zeros(1, 2, 3, 3)
+    metrics.update(target + torch.tensor([0.1, 0.2])[:, None, None], target, target[:, 0])
+    result = metrics.compute()
+    assert set(result) == NAMES | {"bias"}
+    assert result["bias"].mean.tolist() == pytest.approx([0.1, 0.2])
+    assert result["bias"].as_json()["direction"] == 0.0
+
+
+def test_a_name_is_given_once() -> None:
+    for taken, by in (("mse", "HorizonMSE"), ("static_mse", "the static baseline's MSE"), ("ece", "Calibration")):
+        named = type("Mine", (Bias,), {"name": taken})
+        with pytest.raises(UserError, match=f"Mine: its name '{taken}' is that of {by}; give"):
+            forecast_metrics(2, extra=[named])
+    with pytest.raises(UserError, match="RocAuc: its name 'roc_auc' is that of RocAuc"):
+        forecast_metrics(2, extra=[partial(RocAuc, bins=10)])
 
 
 def test_metrics_that_agree_on_the_first_window_stay_apart() -> None:

@@ -33,7 +33,10 @@ def test_static_skill_is_the_skill_against_the_last_grid() -> None:
     metric.update(forecast[:1], target[:1], last[:1], index[:1])
     own.update(forecast, target, last, index)
     static.update(last[:, None].expand_as(target), target, last, index)
-    torch.testing.assert_close(vars(metric.compute()), vars(skill_against(own.compute(), static.compute())))
+    found, expected = metric.compute(), skill_against(own.compute(), static.compute())
+    torch.testing.assert_close(found.value, expected.value)
+    torch.testing.assert_close(found.standard_error, expected.standard_error)
+    assert found.as_json()["title"] == "Skill against the static baseline"
 
 
 def test_other_windows_are_refused() -> None:

@@ -8,8 +8,16 @@ import torch
 from torch import Tensor, distributed
 from torch.multiprocessing.spawn import spawn
 
+from envpred.metrics.about import About
 from envpred.metrics.horizon_mse import HorizonMSE
-from envpred.metrics.windows import summarise
+from envpred.metrics.windows import HorizonMetric, PerHorizon, summarise
+
+ABOUT = About("Error", "m", 2, 10.0, "lower")
+
+
+def tensors(result: PerHorizon) -> dict[str, Tensor]:
+    """What was measured."""
+    return {name: value for name, value in vars(result).items() if isinstance(value, Tensor)}
 
 
 def windows(count: int) -> tuple[Tensor, Tensor]:
@@ -31,7 +39,7 @@ def rank_of_two(rank: int, folder: str) -> None:
         metric = HorizonMSE(3)
         for index in shares[rank]:
             metric.update(forecast[[index]], target[[index]], index=torch.tensor([index]))
-        torch.save(vars(metric.compute()), f"{folder}/result{n}{rank}.pt")
+        torch.save(tensors(metric.compute()), f"{folder}/result{n}{rank}.pt")
         again = metric.rows()[0]  # after the computation the process has its own windows back
         assert again.tolist() == sorted(shares[rank])
     distributed.destroy_process_group()
@@ -44,7 +52,7 @@ def test_two_processes_agree_with_one(tmp_path: Path) -> None:
     alone.update(forecast, target, index=torch.arange(5))
     for n in range(len(SHARES)):
         for rank in (0, 1):
-            torch.testing.assert_close(torch.load(tmp_path / f"result{n}{rank}.pt"), vars(alone.compute()))
+            torch.testing.assert_close(torch.load(tmp_path / f"result{n}{rank}.pt"), tensors(alone.compute()))
 
 
 def test_windows_come_back_in_order_and_once() -> None:
@@ -68,18 +76,18 @@ def test_windows_without_index_are_all_counted() -> None:
 
 def test_standard_error_by_hand() -> None:
     # 1, 2, 6: mean 3, sample variance (4 + 1 + 9)/2 = 7, standard error sqrt(7/3).
-    result = summarise(torch.tensor([[1.0], [2.0], [6.0]]), torch.arange(3))
+    result = summarise(torch.tensor([[1.0], [2.0], [6.0]]), torch.arange(3), ABOUT)
     assert result.mean.item() == pytest.approx(3)
     assert result.standard_error.item() == pytest.approx(math.sqrt(7 / 3))
 
 
 def test_undefined_windows_are_skipped_only_where_the_metric_says_so() -> None:
     values = torch.tensor([[1.0, math.nan], [math.nan, math.nan], [3.0, 5.0]])
-    skipped = summarise(values, torch.arange(3), skip_undefined=True)
+    skipped = summarise(values, torch.arange(3), ABOUT, skip_undefined=True)
     torch.testing.assert_close(skipped.mean, torch.tensor([2.0, 5.0], dtype=torch.float64))
     assert skipped.standard_error[0].item() == pytest.approx(1)
     assert skipped.standard_error[1].isnan()  # one window has no spread
-    assert summarise(values, torch.arange(3)).mean.isnan().all()
+    assert summarise(values, torch.arange(3), ABOUT).mean.isnan().all()
 
 
 def test_reset_forgets_and_nothing_seen_is_nan() -> None:
@@ -112,4 +120,31 @@ def test_one_window_and_one_horizon_keep_their_axes() -> None:
     metric.update(torch.zeros(1, 1, 2, 2), torch.ones(1, 1, 2, 2))
     result = metric.compute()
     assert (result.mean.shape, result.per_window.shape, result.index.shape) == ((1,), (1, 1), (1,))
-    assert result.as_json() == {"mean": [1.0], "standard_error": [None], "per_window": [[1.0]]}
+    values = {"mean": [1.0], "standard_error": [None], "per_window": [[1.0]]}
+    about = {"title": "MSE", "unit": "× 10⁻³", "digits": 1, "factor": 1e3, "direction": "lower"}
+    assert result.as_json() == values | about
+
+
+def test_how_a_result_is_written_stands_on_the_class() -> None:
+    class FalseAlarms(HorizonMetric):
+        unit, digits, factor, direction, higher_is_better = "%", 0, 100.0, "higher", True
+
+        def measure(self, forecast: Tensor, target: Tensor, last: Tensor) -> Tensor:
+            return forecast.mean((-2, -1))
+
+    class Loud(FalseAlarms):
+        title = "Loud alarms"
+
+    assert (FalseAlarms.name, Loud.name) == ("false_alarms", "loud")
+    metric = FalseAlarms(1)
+    metric.update(torch.ones(1, 1, 2, 2), torch.zeros(1, 1, 2, 2))
+    assert metric.compute().about == About("False Alarms", "%", 0, 100.0, "higher")
+    assert Loud(1).about == About("Loud alarms", "%", 0, 100.0, "higher")
+    assert summarise(torch.ones(1, 1), torch.arange(1), ABOUT).as_json()["unit"] == "m"
+
+
+def test_a_direction_that_contradicts_torchmetrics_is_refused() -> None:
+    with pytest.raises(TypeError, match="Wrong: direction 'higher' and higher_is_better False disagree"):
+        type("Wrong", (HorizonMetric,), {"direction": "higher"})
+    with pytest.raises(TypeError, match=r"direction 1\.0 and higher_is_better True"):
+        type("Wrong", (HorizonMetric,), {"direction": 1.0, "higher_is_better": True})

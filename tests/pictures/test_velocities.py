@@ -72,5 +72,18 @@ def test_pictures_of_a_stored_drive(tmp_path: Path) -> None:
 def test_strip_has_a_row_for_the_forecast_if_there_is_one() -> None:
     window = np.zeros((15, 8, 8)), np.zeros((15, 2, 8, 8))
     last = window[0][0], window[1][0]
-    assert len(velocity_strip(last, window, None, (1, 5, 15)).axes) == 4
-    assert len(velocity_strip(last, window, window, (1, 5, 15)).axes) == 8
+    assert len(velocity_strip(last, window, None, 1 / 3, 0.1).axes) == 5
+    assert len(velocity_strip(last, window, window, 1 / 3, 0.1).axes) == 10
+
+
+def test_strip_shows_the_datas_own_metres_and_seconds() -> None:
+    window = np.zeros((30, 8, 8)), np.zeros((30, 2, 8, 8))
+    fig = velocity_strip((window[0][0], window[1][0]), window, window, 0.5, 0.05)
+    assert [ax.get_title() for ax in fig.axes if ax.get_title()] == [
+        "last frame shown",
+        "0.1 s",
+        "0.5 s",
+        "1.0 s",
+        "1.5 s",
+    ]
+    assert all(ax.get_xlim() == (-2.25, 1.75) for ax in fig.axes if ax.axison)

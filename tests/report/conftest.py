@@ -9,26 +9,35 @@ from typing import Any
 
 import numpy as np
 import pytest
+import torch
 from numpy.typing import NDArray
 from PIL import Image
 
+from envpred.metrics.calibration import Reliability
+from envpred.metrics.horizon_mse import HorizonMSE
+from envpred.metrics.overlap import IoU
+from envpred.metrics.skill import StaticSkill, skill
+from envpred.metrics.windows import WindowMetric, summarise
+from envpred.models import FCNForecaster, Forecaster, MovedLastFrame, ParticleForecast, PredNetForecaster
 from envpred.report import report
+from envpred.results.result import FORMAT, short_name
 from envpred.results.scenes import Scene, write_scenes
 
 HORIZONS, WINDOWS = 15, 30
 DRAWN_WINDOWS = (0, WINDOWS - 1)
 Values = NDArray[np.float64]
+Kind = type[Forecaster]
 MakeRun = Callable[..., Path]
 
-# Mean squared error at 1.5 s, and thus the order, of the made-up methods.
-LEVEL_OF = {
-    ("prednet", "dst_static"): 0.0520,
-    ("prednet", "dst_dogma"): 0.0400,
-    ("prednet", "prob_static"): 0.0521,
-    ("prednet", "prob_dogma"): 0.0500,
-    ("fcn", "prob_dogma"): 0.070,
-    ("moved_last_frame", "prob_static"): 0.065,
-    ("particle_filter", "dst_dogma"): 0.110,
+# Mean squared error at 1.5 s, and thus the order, of the methods.
+LEVEL_OF: dict[tuple[Kind, str], float] = {
+    (PredNetForecaster, "dst_static"): 0.0520,
+    (PredNetForecaster, "dst_dogma"): 0.0400,
+    (PredNetForecaster, "prob_static"): 0.0521,
+    (PredNetForecaster, "prob_dogma"): 0.0500,
+    (FCNForecaster, "prob_dogma"): 0.070,
+    (MovedLastFrame, "prob_static"): 0.065,
+    (ParticleForecast, "dst_dogma"): 0.110,
 }
 STATIC_LEVEL = 0.09
 
@@ -40,29 +49,39 @@ def per_window(level: float, seed: int) -> Values:
     return level * np.linspace(0.3, 1, HORIZONS) * difficulty * noise
 
 
-def measured(values: Values) -> dict[str, Any]:
-    error = values.std(axis=0, ddof=1) / np.sqrt(len(values))
-    return {"mean": values.mean(0).tolist(), "standard_error": error.tolist(), "per_window": values.tolist()}
+def measured(values: Values, metric: type[WindowMetric] = HorizonMSE) -> dict[str, Any]:
+    """`values` (W, N) as a `metric` writes them."""
+    return summarise(torch.from_numpy(values), torch.arange(len(values)), metric(HORIZONS).about).as_json()
 
 
-def record(name: str, variant: str, level: float, seed: int = 0) -> dict[str, Any]:
+def reliability() -> dict[str, Any]:
+    """A diagram whose first bin is empty."""
+    middle = np.linspace(0.05, 0.95, 10)
+    count = np.array([0] + [100] * 9)
+    parts = torch.from_numpy(np.stack([count, count * middle, count * middle**1.2]))
+    return Reliability(parts.expand(HORIZONS, -1, -1)).as_json()
+
+
+def record(kind: Kind, variant: str, level: float, seed: int = 0) -> dict[str, Any]:
     """A complete result."""
-    values = per_window(level, seed)
-    bins = np.linspace(0.05, 0.95, 10)
-    static = per_window(STATIC_LEVEL, 1000)
+    name = short_name(kind.__name__)
+    values, static = per_window(level, seed), per_window(STATIC_LEVEL, 1000)
+    gained = skill(torch.from_numpy(values), torch.from_numpy(static), StaticSkill(HORIZONS).about)
     return {
-        "format": 1,
+        "format": FORMAT,
         "model": {
             "name": name,
-            "class_path": f"envpred.models.{name}",
+            "class_path": f"{kind.__module__}.{kind.__qualname__}",
             "parameters": 123456,
             "flops": 25_000_000_000 if name == "prednet" else None,
             "hyperparameters": {},
         },
+        "role": kind.role,
         "variant": variant,
         "data": {
             "store": "grids",
             "store_hash": "abc123",
+            "input_hash": {},
             "variant": variant,
             "split": "auto",
             "part": "test",
@@ -71,6 +90,9 @@ def record(name: str, variant: str, level: float, seed: int = 0) -> dict[str, An
             "given": 5,
             "length": 20,
             "window_rule": "windows of 20 frames in order, no overlap",
+            "resolution": 1 / 3,
+            "period": 0.1,
+            "context": None,
         },
         "seed": 3,
         "revision": "0123456789abcdef",
@@ -79,14 +101,9 @@ def record(name: str, variant: str, level: float, seed: int = 0) -> dict[str, An
         "metrics": {
             "mse": measured(values),
             "static_mse": measured(static),
-            "skill": {key: measured(1 - values / static)[key] for key in ("mean", "standard_error")},
-            "iou": measured(1 - 5 * values),
-            "reliability": {
-                "ece": [0.02] * HORIZONS,
-                "count": [[100] * 10] * HORIZONS,
-                "forecast": [bins.tolist()] * HORIZONS,
-                "occupied": [[None, *(bins[1:] ** 1.2).tolist()]] * HORIZONS,
-            },
+            "skill": gained.as_json(),
+            "iou": measured(1 - 5 * values, IoU),
+            "reliability": reliability(),
         },
         "checkpoint": None,
         "forecast_seconds_per_window": 0.25,
@@ -104,7 +121,8 @@ def draw_windows(folder: Path) -> None:
         wrong = np.sqrt(result["metrics"]["mse"]["per_window"][index]).astype(np.float32)
         forecast = grids[5:] + wrong[:, None, None]
         frames = tuple(range(start, start + 5))
-        scenes[index] = Scene(drive, frames, grids[:5], grids[5:], np.zeros((20, 2), np.int64), {"forecast": forecast})
+        place = np.zeros((20, 2), np.int64)
+        scenes[index] = Scene(drive, frames, grids[:5], grids[5:], place, {"forecast": forecast}, 1 / 3, 0.1)
     write_scenes(folder / "drawn.npz", scenes)
     (folder / "result.json").write_text(json.dumps(result | {"drawn": "drawn.npz"}))
 
@@ -118,16 +136,16 @@ def animation() -> bytes:
 
 def written(
     root: Path,
-    name: str = "prednet",
+    kind: Kind = PredNetForecaster,
     variant: str = "dst_static",
     level: float | None = None,
     seed: int = 0,
     change: Callable[[dict[str, Any]], object] = lambda record: None,
 ) -> Path:
     """Write a result `record`, changed by a function, into a folder of its own below `root`; returns the folder."""
-    folder = root / f"{name}_{variant}_{len(list(root.glob('*')))}"
+    folder = root / f"{short_name(kind.__name__)}_{variant}_{len(list(root.glob('*')))}"
     folder.mkdir(parents=True)
-    result = record(name, variant, LEVEL_OF[name, variant] if level is None else level, seed)
+    result = record(kind, variant, LEVEL_OF[kind, variant] if level is None else level, seed)
     change(result)
     (folder / "result.json").write_text(json.dumps(result))
     return folder
@@ -141,10 +159,11 @@ def make_run(tmp_path: Path) -> MakeRun:
 
 @pytest.fixture(scope="session")
 def all_runs(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
-    """One run of every made-up method, the ends with a strip and an animation, all but the last with forecasts."""
+    """One run of every method, the ends with pictures of their own, all but the last with forecasts."""
     root = tmp_path_factory.mktemp("runs")
-    pictures = {"strip": "strip.png", "animation of window 0": "window.gif"}
-    folders = [written(root, name, variant, seed=n) for n, (name, variant) in enumerate(LEVEL_OF)]
+    pictures = {f"window_{n}_velocity": "strip.png" for n in (10, 2)}
+    pictures |= {"window_2_errors": "strip.png", "window_2_animation": "window.gif"}
+    folders = [written(root, kind, variant, seed=n) for n, (kind, variant) in enumerate(LEVEL_OF)]
     for folder in (folders[0], folders[-1]):
         Image.fromarray(np.full((30, 90), 128, np.uint8)).save(folder / "strip.png")
         (folder / "window.gif").write_bytes(animation())

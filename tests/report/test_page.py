@@ -60,20 +60,20 @@ def test_page_in_a_browser(page: Path, tmp_path: Path) -> None:
     shutil.copy(page, alone)  # self-contained: nothing beside it is needed
     seen = browse(alone, tmp_path / "profile")
     captions = [alt for alt, _, _ in seen["images"]]
-    lacking = "Without particle_filter (dst_dogma), whose test kept no forecasts."
+    lacking = "Without particle_forecast (dst_dogma), whose test kept no forecasts."
     assert captions[2:6] == [
         f"{place}: {kind} {lacking}"
         for place in ("drive_a, frame 4", "drive_a, frame 584")
         for kind in ("target and forecasts.", "what was seen, then target and forecasts.")
     ]
     assert captions[6:] == [
-        "prednet (dst_static): strip",
-        "particle_filter (dst_dogma): strip",
-        "particle_filter (dst_dogma): animation of window 0",
+        *(f"prednet (dst_static): window {what}" for what in ("2 errors", "2 velocity", "10 velocity")),
+        *(f"particle_forecast (dst_dogma): window {what}" for what in ("2 animation", "2 errors")),
+        *(f"particle_forecast (dst_dogma): window {what} velocity" for what in ("2", "10")),
     ]
     assert all(complete and width > 0 for _, complete, width in seen["images"])
     widths = [width for _, _, width in seen["images"]]
-    assert widths[6:] == [90, 90, 80]
+    assert widths[6:] == [90, 90, 90, 80, 90, 90, 90]
     with Image.open(page.with_name("window_0.png")) as strip, Image.open(page.with_name("window_0.gif")) as moving:
         assert widths[2:4] == [strip.width, moving.width]
         assert getattr(moving, "n_frames", 1) == 20  # five shown, fifteen forecast
@@ -89,6 +89,14 @@ def test_page_names_nothing_outside_itself(page: Path) -> None:
     assert not re.findall(r'(?:src|href)="(?!data:)', text)
     assert "@import" not in text
     assert not re.search(r">\s*(nan|None|inf)\b", text)
+
+
+def test_the_page_shows_every_picture_that_a_result_names(page: Path) -> None:
+    """In the order of the windows, without the animation of a run that is animated beside the others."""
+    captions = re.findall(r"<figcaption>(.*?)</figcaption>", page.read_text())
+    ends = {label: [c.split(": ")[1] for c in captions if c.startswith(label)] for label in ("prednet", "particle")}
+    assert ends["prednet"] == ["window 2 errors", "window 2 velocity", "window 10 velocity"]
+    assert ends["particle"] == ["window 2 animation", *ends["prednet"]]
 
 
 def test_same_results_same_report(page: Path, all_runs: list[Path], tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from envpred.errors import UserError
+from envpred.models import FCNForecaster, ParticleForecast, PredNetForecaster
 from envpred.report import report
 from envpred.report.runs import read_runs
 from envpred.results.scenes import read_scenes, write_scenes
@@ -20,7 +21,7 @@ Record = dict[str, Any]
 
 
 def test_reads_files_folders_and_folders_of_folders(make_run: MakeRun) -> None:
-    one, two = make_run(), make_run("fcn", "prob_dogma")
+    one, two = make_run(), make_run(FCNForecaster, "prob_dogma")
     for given in ([one, two], [one / "result.json", two / "result.json"], [one.parent], [one.parent, one]):
         assert {run.label for run in read_runs(given)} == {"prednet (dst_static)", "fcn (prob_dogma)"}
     (run,) = read_runs([one])
@@ -57,7 +58,8 @@ def cut_horizons(record: Record) -> None:
     record["horizon_s"] = record["horizon_s"][:10]
     for metric in record["metrics"].values():
         for key, value in metric.items():
-            metric[key] = [row[:10] for row in value] if key == "per_window" else value[:10]
+            if isinstance(value, list):
+                metric[key] = [row[:10] for row in value] if key == "per_window" else value[:10]
 
 
 MIXED = {
@@ -75,23 +77,26 @@ MIXED = {
 
 @pytest.mark.parametrize("reason", MIXED)
 def test_mixed_results_are_refused(make_run: MakeRun, tmp_path: Path, reason: str) -> None:
-    one, two = make_run(), make_run("fcn", "prob_dogma", change=MIXED[reason])
+    one, two = make_run(), make_run(FCNForecaster, "prob_dogma", change=MIXED[reason])
     with pytest.raises(UserError, match=reason) as refusal:
         report([one, two], tmp_path / "out")
     assert str(two) in str(refusal.value)
     assert not (tmp_path / "out").exists()
 
 
-def test_other_velocities_of_the_same_variant_are_refused(make_run: MakeRun, tmp_path: Path) -> None:
+def test_other_velocities_are_refused_whatever_stands_between(make_run: MakeRun, tmp_path: Path) -> None:
     """What is judged is the same for all variants, so only what reads velocities tells that they were built anew."""
-    one = make_run("prednet", "prob_dogma", change=mend("input_hash", "first"))
-    again = make_run("fcn", "prob_dogma", change=mend("input_hash", "second"))
-    static = make_run("prednet", "prob_static", change=mend("input_hash", None))
-    read_runs([one, static])
+    velocities = [{"velocity": hashed, "velocity_cov": "same"} for hashed in ("first", "second")]
+    static = make_run(PredNetForecaster, "prob_static")
+    one = make_run(PredNetForecaster, "prob_dogma", change=mend("input_hash", velocities[0]))
+    again = make_run(FCNForecaster, "prob_dogma", change=mend("input_hash", velocities[1]))
+    particles = make_run(ParticleForecast, "dst_dogma", change=mend("input_hash", {"particle_forecast": "third"}))
+    assert len(read_runs([static, one, particles])) == 3  # read other arrays, not another content of one
     assert len(read_runs([one, again], same_inputs=False)) == 2  # where velocities are what is compared
-    with pytest.raises(UserError, match=r"other velocities \(built again since") as refusal:
-        report([one, again], tmp_path / "out")
+    with pytest.raises(UserError, match=r"read another velocity \(built again since") as refusal:
+        report([static, one, again], tmp_path / "out")
     assert str(again) in str(refusal.value)
+    assert str(one) in str(refusal.value)
     assert not (tmp_path / "out").exists()
 
 
@@ -125,7 +130,7 @@ def test_forecasts_that_do_not_fit_their_result_are_refused(make_run: MakeRun, t
 
 
 def test_forecasts_judged_on_other_grids_are_refused(make_run: MakeRun, tmp_path: Path) -> None:
-    one, two = make_run(), make_run("fcn", "prob_dogma")
+    one, two = make_run(), make_run(FCNForecaster, "prob_dogma")
     for folder in (one, two):
         draw_windows(folder)
     scenes = read_scenes(two / "drawn.npz", "fcn")
@@ -150,11 +155,15 @@ def change_mean(record: Record) -> None:
 
 
 PARTIAL: dict[str, Callable[[Record], object]] = {
-    "format 2, this version reads 1": lambda r: r.update(format=2),
+    "format 1, this version reads 2": lambda r: r.update(format=1),
     "partial, mse has 12 of the 30 windows": drop_windows,
     "partial, iou has 4 of the 15 horizons": drop_horizons,
     "damaged, the mean of mse": change_mean,
     "incomplete, 'variant' is missing": lambda r: r.pop("variant"),
+    "incomplete, 'role' is missing": lambda r: r.pop("role"),
+    "incomplete, 'unit' is missing": lambda r: r["metrics"]["iou"].pop("unit"),
+    "incomplete, could not convert .*'up'": lambda r: r["metrics"]["iou"].update(direction="up"),
+    "incomplete, 'input_hash' is missing": lambda r: r["data"].pop("input_hash"),
     "incomplete, 'windows' is missing": lambda r: r["data"].pop("windows"),
     "incomplete, no mean squared error per window": lambda r: r["metrics"].pop("mse"),
     "no mean squared error per window": lambda r: r["metrics"]["mse"].pop("per_window"),

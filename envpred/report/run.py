@@ -1,0 +1,64 @@
+"""A test run as its result file tells it."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from envpred.metrics.about import About
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A metric of a run: `mean` and `standard_error` (N,), `per_window` (W, N) or None; NaN where undefined.
+
+    `about` says how it is written.
+    """
+
+    mean: FloatArray
+    standard_error: FloatArray
+    per_window: FloatArray | None
+    about: About
+
+
+@dataclass(frozen=True)
+class Run:
+    """One test run, as its result file tells it.
+
+    Args:
+        file: the result.
+        label: names the run within a report.
+        name: of the model.
+        role: what kind of forecaster it is: `static`, `moved`, `particle`, `rollout`, `oracle` or `learned`.
+        variant: of its input.
+        horizon_s: the horizons (N,) in seconds.
+        metrics: those with a value per horizon, by their key.
+        reliability: the reliability diagram (N, bins), if there is one.
+        data: what it was measured on.
+        record: the whole result.
+    """
+
+    file: Path
+    label: str
+    name: str
+    role: str
+    variant: str
+    horizon_s: FloatArray
+    metrics: dict[str, Measured]
+    reliability: dict[str, FloatArray] | None
+    data: dict[str, Any]
+    record: dict[str, Any]
+
+    @property
+    def mse(self) -> Measured:
+        """The mean squared error, which every result has."""
+        return self.metrics["mse"]
+
+    @property
+    def is_oracle(self) -> bool:
+        """Whether it reads the future."""
+        return self.role == "oracle"

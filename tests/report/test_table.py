@@ -1,0 +1,42 @@
+"""A table's written forms."""
+
+import csv
+import io
+
+import pytest
+
+from envpred.report.table import Cell, Table
+
+TABLE = Table(
+    "t",
+    "50 % & more",
+    "a_b",
+    ["method", "0.1 s"],
+    [[Cell("a|b_c"), Cell(value=1.25, error=0.5, bold=True)], [Cell("x"), Cell()]],
+)
+
+
+def test_written_forms() -> None:
+    assert TABLE.markdown().splitlines()[2:6] == [
+        "| method | 0.1 s |",
+        "|---|---|",
+        "| a\\|b_c | **1.2 ± 0.5** |",
+        "| x | – |",
+    ]
+    assert list(csv.reader(io.StringIO(TABLE.csv()))) == [
+        ["method", "0.1 s", "0.1 s standard error"],
+        ["a|b_c", "1.25", "0.5"],
+        ["x", "", ""],
+    ]
+    assert r"\caption{50 \% \& more. a\_b}" in TABLE.latex()
+    assert r"a|b\_c & \textbf{1.2 $\pm$ 0.5} \\" in TABLE.latex()
+    assert r"\begin{tabular}{lr}" in TABLE.latex()
+    assert "<td>a|b_c</td><td class=number><b>1.2 ± 0.5</b></td>" in TABLE.html()
+    assert [Cell(value=p, digits=4, least=True).plain() for p in (2e-9, 0.0312)] == ["< 0.0001", "0.0312"]
+    assert Cell("<script>").plain() == "<script>"
+    assert "&lt;script&gt;" in Table("t", "", "", ["a"], [[Cell("<script>")]]).html()
+
+
+def test_rows_must_fit() -> None:
+    with pytest.raises(ValueError, match="2 columns"):
+        Table("t", "", "", ["a", "b"], [[Cell("x")]])
