@@ -42,20 +42,21 @@ class ParticleForecast(Forecaster):
 
 
 class _Moved(Forecaster):
-    """The last frame shown, moved by whole cells into each future grid; entering cells get the training mean.
+    """The last frame shown, moved by whole cells into each future grid; entering cells get a mean.
 
     Grids share a lattice, so where a future grid will lie is exact once the ego's future position is known.
 
     Args:
         variant: input variant; the probability that is judged is the same for all.
         given: frames shown.
-        fill: probability of entering cells; by default the mean over the training windows.
+        fill: probability of entering cells; by default the mean over the training windows or, where no drive trains,
+            over the frames shown of each window.
     """
 
     def __init__(self, variant: str = "dst_static", given: int = 5, fill: float | None = None) -> None:
         super().__init__(variant, given)
         self.save_hyperparameters()
-        self.fill = 0.5 if fill is None else fill
+        self.fill = fill
 
     @abstractmethod
     def centres(self, seen: Seen, horizons: int) -> Tensor:
@@ -63,13 +64,15 @@ class _Moved(Forecaster):
 
     def setup(self, stage: str) -> None:
         super().setup(stage)
-        if self.hparams["fill"] is None:
+        if self.hparams["fill"] is None and self.dataset.selected.get("train"):
             self.fill = self.dataset.training_mean()
+        self.hparams["filled_with"] = "frames shown" if self.fill is None else self.fill  # for the result to say
 
     def forecast(self, seen: Seen, horizons: int) -> Forecast:
         shift = self.centres(seen, horizons) - seen["centre_cell"][:, -1:]
         last = seen["occupancy"][:, -1]
-        return Forecast(torch.stack([_move(grid, moves, self.fill) for grid, moves in zip(last, shift, strict=True)]))
+        fill = seen["occupancy"].mean((1, 2, 3)) if self.fill is None else last.new_full((len(last),), self.fill)
+        return Forecast(torch.stack([_move(*window) for window in zip(last, shift, fill, strict=True)]))
 
 
 class MovedLastFrame(_Moved):
@@ -114,7 +117,7 @@ def extrapolate(poses: Tensor, steps: int) -> Tensor:
     return torch.stack([poses[:, -1:, 0] + x.cumsum(1), poses[:, -1:, 1] + y.cumsum(1), heading], dim=-1)
 
 
-def _move(grid: Tensor, shifts: Tensor, fill: float) -> Tensor:
+def _move(grid: Tensor, shifts: Tensor, fill: Tensor) -> Tensor:
     """`grid` (H, W) as grids (N, H, W) see it whose centre cells lie `shifts` (N, 2) further."""
     H, W = grid.shape
     i = torch.arange(H, device=grid.device) + shifts[:, :1]

@@ -31,7 +31,7 @@ def gaps(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def predict(model: Forecaster, store: Path, out: Path, dtype: Any = "float32", **options: Any) -> Predictions:
     run: Trainer = trainer(out.with_name(f"run_{out.name}"), callbacks=[PredictionWriter(out, dtype)])
-    defaults: dict[str, Any] = {"train": ["a"], "test": ["a", "b"]}
+    defaults: dict[str, Any] = {"test": ["a", "b"]}
     run.predict(model, datamodule=grids(store, **(defaults | options)), return_predictions=False)
     return Predictions(out)
 
@@ -90,7 +90,7 @@ def test_halves_are_close(gaps: Path, tmp_path: Path) -> None:
 def test_horizons_beyond_those_trained_and_beyond_the_drive(gaps: Path, tmp_path: Path) -> None:
     """Forecasts over 40 frames from drives of 20: the first five are those over five."""
     near = predict(prednet(), gaps, tmp_path / "near", predict="newest")
-    far = predict(prednet(), gaps, tmp_path / "far", predict="newest", length=43, train=None)
+    far = predict(prednet(), gaps, tmp_path / "far", predict="newest", length=43)
     assert far.forecast(0).shape == (40, 16, 16)
     np.testing.assert_allclose(far.forecast(0)[:5], near.forecast(0), atol=1e-6)
     assert far.manifest["horizon_s"][-1] == 4.0
@@ -199,7 +199,7 @@ def test_two_processes_write_what_one_does(gaps: Path, tmp_path: Path) -> None:
             strategy="ddp_spawn" if devices > 1 else "auto",
             callbacks=[PredictionWriter(tmp_path / name)],
         )
-        data = grids(gaps, train=["a"], test=["a", "b"], predict="all")
+        data = grids(gaps, test=["a", "b"], predict="all")
         run.predict(LastFrame(given=3), datamodule=data, return_predictions=False)
     one, two = (Predictions(tmp_path / name) for name in ("one", "two"))
     assert one.windows == two.windows

@@ -100,7 +100,7 @@ def test_every_configuration_fits_tests_and_predicts(
     assert len(found["metrics"]["mse"]["mean"]) == 15
     assert found["variant"] == data.stem
     assert trains == (found["checkpoint"] is not None)
-    assert (result.parent / "pictures" / "window_0.png").stat().st_size > 1000
+    assert (result.parent / "pictures" / "window_0_errors.png").stat().st_size > 1000
 
 
 def test_tensorboard_shows_what_a_run_did(store: Path) -> None:

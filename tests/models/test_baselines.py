@@ -75,6 +75,18 @@ def test_entering_cells_get_the_training_mean(store: Path, tmp_path: Path) -> No
     )
 
 
+def test_without_training_drives_entering_cells_get_the_mean_of_what_is_shown(store: Path, tmp_path: Path) -> None:
+    model = MovedLastFrame(given=3)
+    trainer(tmp_path).test(model, datamodule=grids(store, split="custom", test=["c"]), verbose=False)
+    assert json.loads((tmp_path / RESULT).read_text())["model"]["hyperparameters"]["filled_with"] == "frames shown"
+    world = torch.rand(8, 8)
+    moving = MovedLastFrameOracle(given=2)
+    torch.testing.assert_close(
+        moving.forecast(shown([[0, 0], [0, 0], [50, 0]], world.expand(3, 8, 8), 2), 1).probability,
+        world.mean().expand(1, 1, 8, 8),
+    )
+
+
 def _training(store: Path) -> Any:
     data = grids(store, train=["a"], val=["b"])
     data.setup("fit")
