@@ -7,15 +7,12 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
-from envpred.build.grids import run_jobs
+from envpred.build.jobs import run_jobs
 from envpred.errors import UserError
 from envpred.mapping import evidence
-from envpred.mapping.dogma import DogmaParameters, stream
+from envpred.mapping.dogma import DogmaParameters, VelocityFilter
 from envpred.mapping.evidence import EvidenceParameters
-from envpred.mapping.geometry import GridSpec
-from envpred.mapping.particle_forecast import HORIZONS
 from envpred.store import DriveWriter, Store, StoredDrive, sweep
 
 ALL = "all"
@@ -101,24 +98,22 @@ def _write(
     with_forecast: bool,
     device: str,
 ) -> None:
-    lattice = drive.manifest["lattice"]
-    spec = GridSpec(lattice["cells"], lattice["resolution"])
-    T, H = len(drive.frames), spec.cells
-    centres = np.array(drive.array("centre_cell"))
+    T, H = len(drive.frames), drive.grid.cells
+    centres, poses = np.array(drive.array("centre_cell")), np.array(drive.array("pose"))
+    labels = drive.array("label")
+    velocities = VelocityFilter(parameters, drive.grid, drive.period, 0, with_forecast, device)
+    starts = {first for first, _ in drive.stretches}
     with DriveWriter(drive.folder.parent, drive.name, "dogma", key, {}) as out:
         velocity = out.add("velocity", np.float16, (T, 2, H, H))
         covariance = out.add("velocity_cov", np.float16, (T, 3, H, H))
-        ahead = out.add("particle_forecast", np.uint8, (T, HORIZONS, H, H)) if with_forecast else None
-        for first, length in drive.stretches:  # like evidence, the filter starts anew after a gap
-
-            def measured(t: int) -> NDArray[np.float32]:
-                return evidence.measured(np.array(drive.array("label")[t]), measures)
-
-            seen = map(measured, range(first, first + length))
-            cells = centres[first : first + length]
-            for frame in stream(seen, cells, parameters, spec, 0, with_forecast, device):
-                velocity.append(frame.velocity)
-                covariance.append(frame.covariance)
-                if ahead is not None and frame.forecast is not None:
-                    ahead.append(frame.forecast)
-                on_frame()
+        ahead = out.add("particle_forecast", np.uint8, (T, velocities.horizons, H, H)) if with_forecast else None
+        for t in range(T):
+            if t in starts:  # like evidence, the filter starts anew after a gap
+                velocities.reset()
+            measured = evidence.measured(np.array(labels[t]), measures)
+            frame = velocities.step(measured, centres[t], poses[t, :2, 3])
+            velocity.append(frame.velocity)
+            covariance.append(frame.covariance)
+            if ahead is not None and frame.forecast is not None:
+                ahead.append(frame.forecast)
+            on_frame()

@@ -1,52 +1,25 @@
 """The per-drive job: drive -> mapping -> store, in local processes or on a Dask cluster."""
 
-import contextlib
 import functools
 import platform
-import sys
 import threading
 import time
-from collections.abc import Callable
-from dataclasses import asdict, dataclass, field
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import asdict
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from tqdm import tqdm
 
-from envpred.build.executors import D, Job, in_processes, on_cluster
+from envpred.build.every import thinned
+from envpred.build.jobs import run_jobs, say
 from envpred.drives import Drive, find_drives
 from envpred.errors import UserError
 from envpred.interrupts import ends_at_once
-from envpred.mapping import evidence
-from envpred.mapping.evidence import EvidenceParameters
-from envpred.mapping.geometry import PAPER_SENSOR_OFFSET, GridSpec
-from envpred.mapping.ground import GroundSegmenter, MarkovRandomField
-from envpred.mapping.label_grid import RayCasting
-from envpred.store import DriveWriter, Store, sweep
-
-
-@dataclass(frozen=True)
-class MappingParameters:
-    """Everything that decides what the grids of a drive look like.
-
-    Args:
-        grid: cells and resolution.
-        ground: how ground is told from obstacles.
-        rays: how obstacles become a label grid.
-        evidence: what labels say, and how fast it fades.
-        sensor: where the sensor sits: the drive's `calibration`, or the `paper`'s fixed offset without rotation.
-    """
-
-    grid: GridSpec = field(default_factory=GridSpec)
-    ground: GroundSegmenter = field(default_factory=MarkovRandomField)
-    rays: RayCasting = field(default_factory=RayCasting)
-    evidence: EvidenceParameters = field(default_factory=EvidenceParameters)
-    sensor: Literal["calibration", "paper"] = "calibration"
-
-    def as_dict(self) -> dict[str, Any]:
-        """Plain data that says it all, for the store's index and its hash."""
-        return {**asdict(self), "ground": {"method": type(self.ground).__name__, **vars(self.ground)}}
+from envpred.mapping.geometry import PAPER_SENSOR_OFFSET, FloatArray
+from envpred.mapping.mapper import Mapped, Mapper, MappingParameters
+from envpred.store import GROUPS, ArrayWriter, DriveWriter, Store, StoredDrive, sweep
 
 
 def build(
@@ -57,8 +30,19 @@ def build(
     workers: int | None = None,
     cluster: str | None = None,
     force: bool = False,
+    context: int | None = None,
 ) -> None:
     """Map every drive under `source` that the store does not hold yet.
+
+    Args:
+        source: folder with drives.
+        store: folder for the grids.
+        parameters: of the method.
+        drives: names of the drives; by default all.
+        workers: local processes; by default one a core.
+        cluster: address of a Dask scheduler.
+        force: map again what is there, also with other parameters.
+        context: cells of a wider grid that is mapped beside the judged one, and added to drives that lack it.
 
     Raises:
         UserError: if drives fail (after the others are done), or the store does not fit.
@@ -66,107 +50,132 @@ def build(
     if workers is not None and workers < 1:
         raise UserError(f"--workers {workers} must be at least 1")
     parameters = parameters or MappingParameters()
+    if context is not None:
+        parameters.grid.wider(context)  # refuses what does not fit
     with ends_at_once():  # readers bring libraries of their own
-        found = _chosen(find_drives(source), drives)
+        found = [thinned(drive, parameters.every) for drive in _chosen(find_drives(source), drives)]
     target = Store(store)
-    key = target.claim("mapping", parameters.as_dict(), force=force)
+    keys = {"mapping": target.claim("mapping", parameters.as_dict(), force=force)}
+    if context is not None:
+        keys["context"] = target.claim("context", {"cells": context}, force=force)
     sweep(store)
-    done = {name for name, stored in target.drives.items() if stored.manifest["groups"].get("mapping") == key}
-    todo = [drive for drive in found if force or drive.name not in done]
+    lacking = {drive.name: keys if force else target.lacking(drive.name, keys) for drive in found}
+    todo = [drive for drive in found if lacking[drive.name]]
     if not todo:
-        _say(f"nothing to do: {store} holds {_drives(len(found))} of {source}")
+        say(f"nothing to do: {store} holds {_drives(len(found))} of {source}")
         return
-    _say(f"{_drives(len(todo))} to map, {len(found) - len(todo)} of {len(found)} in {store} already")
+    say(f"{_drives(len(todo))} to map, {len(found) - len(todo)} of {len(found)} in {store} already")
     start = time.monotonic()
     ready, failures = _check(todo)
     ready.sort(key=lambda drive: -len(drive.frames))  # the longest first, so that no worker is left with it at the end
-    job = functools.partial(_attempt, store=store.resolve(), parameters=parameters, key=key)
+    job = functools.partial(_attempt, store=store.resolve(), parameters=parameters, lacking=lacking, context=context)
     if ready and not cluster:
         with ends_at_once():  # the compiler has C callbacks, in which the exception of a Ctrl-C would be lost
-            _compile(parameters)
+            _compile(parameters, context)
     try:
         mapped = run_jobs(job, ready, "mapping", workers, cluster, failures)
     finally:
         sweep(store)  # what workers had begun when they were ended
-    _say(f"{_drives(len(todo))}, {mapped} frames mapped into {store} in {time.monotonic() - start:.0f} s")
+    say(f"{_drives(len(todo))}, {mapped} frames mapped into {store} in {time.monotonic() - start:.0f} s")
 
 
-def run_jobs(
-    job: Job[D],
-    drives: list[D],
-    what: str,
-    workers: int | None,
-    cluster: str | None,
-    failures: list[str] | None = None,
-) -> int:
-    """Run `job` for all drives with a progress bar called `what`; returns the number of frames.
+def mapper_of(drive: Drive, parameters: MappingParameters, context: int | None = None) -> Mapper:
+    """A mapper for the scans of `drive`, on the lattice that its poses span."""
+    return Mapper(
+        parameters,
+        drive.body,
+        PAPER_SENSOR_OFFSET if parameters.sensor == "paper" else drive.sensor_to_body(),
+        parameters.grid.lattice_origin(drive.poses[:, :3, 3]),
+        drive.period,
+        sensor_height=drive.sensor_height,
+        context=context,
+    )
 
-    Raises:
-        UserError: with a line for each drive that failed (`failures` are those that had failed before).
-    """
-    failures = [] if failures is None else failures
-    count, before = 0, len(failures)
-    with (
-        contextlib.closing(on_cluster(job, drives, cluster) if cluster else in_processes(job, drives, workers)) as jobs,
-        tqdm(total=sum(len(d.frames) for d in drives), unit="frame", disable=not drives, mininterval=0.5) as bar,
-    ):
-        bar.set_description("starting workers")
-        for frames, failure in jobs:
-            if frames:
-                if not count:
-                    bar.unpause()  # rate and time left are the job's, not the start's
-                    bar.set_description(what)
-                count += frames
-                bar.update(frames)
-            if failure:
-                failures.append(failure)
-    if failures:
-        failed = f"{len(failures)} of {before + len(drives)} drives failed; the others are done"
-        raise UserError("\n".join([*failures, failed]))
-    return count
+
+def mapped(drive: Drive, mapper: Mapper) -> Iterator[Mapped]:
+    """What `mapper` makes of the frames of `drive`; it starts anew after a gap: what lies between is not known."""
+    starts = {first for first, _ in drive.stretches()}
+    for t, k in enumerate(drive.frames):
+        if t in starts:
+            mapper.reset()
+        yield mapper.step(drive.scan(k), drive.poses[t], float(drive.times[t]))
 
 
 def map_drive(
-    drive: Drive, store: Path, parameters: MappingParameters, key: str, on_frame: Callable[[], None] = lambda: None
+    drive: Drive,
+    store: Path,
+    parameters: MappingParameters,
+    keys: Mapping[str, str],
+    context: int | None = None,
+    on_frame: Callable[[], None] = lambda: None,
 ) -> int:
     """Map one drive, frame by frame, into the store; returns its number of frames.
 
-    Evidence starts anew after a gap in the frames: what lies between is not known.
+    Args:
+        drive: to be mapped.
+        store: folder of the store, which must exist.
+        parameters: of the method.
+        keys: groups to write and the hashes of their parameters: `mapping`, `context` or both.  `context` alone
+            completes a drive that is there.
+        context: cells of the wider grid.
+        on_frame: called after each frame.
+
+    Raises:
+        UserError: if a drive that is to be completed was mapped from other frames.
     """
-    spec, frames, stretches = parameters.grid, drive.frames, drive.stretches()
-    poses = drive.poses
-    sensor_to_body = PAPER_SENSOR_OFFSET if parameters.sensor == "paper" else drive.sensor_to_body()
-    origin = spec.lattice_origin(poses[:, :3, 3])
-    centre_cell = spec.cell_of(poses[:, :3, 3], origin)
-    starts = {first for first, _ in stretches}
-    T, H = len(frames), spec.cells
-    about = {
-        "drive": drive.name,
-        "frames": frames,
-        "stretches": stretches,
-        "source": {"drive": drive.name, "frames": T},
-        "lattice": {"origin": origin.tolist(), "resolution": spec.resolution, "cells": spec.cells, "context": None},
-        "period": drive.period,
-        "sensor": sensor_to_body.tolist(),
-        "body": asdict(drive.body),
-    }
-    with DriveWriter(store, drive.name, "mapping", key, about) as out:
-        labels = out.add("label", np.uint8, (T, H, H))
-        masses = out.add("evidence", np.float16, (T, 2, H, H))
-        times = drive.times
-        for name, values in (("centre_cell", centre_cell), ("pose", poses), ("time", times)):
-            out.add(name, values.dtype, values.shape).extend(values)
-        mass = np.zeros((2, H, H), np.float32)
-        for t, k in enumerate(frames):
-            points = drive.scan(k)
-            obstacle = parameters.ground.obstacles(points)
-            label = parameters.rays.label(points, obstacle, poses[t] @ sensor_to_body, centre_cell[t], origin, spec)
-            prior = np.zeros_like(mass) if t in starts else mass
-            mass = evidence.step(prior, label, centre_cell[t] - centre_cell[max(t - 1, 0)], parameters.evidence)
-            labels.append(label)
-            masses.append(mass.astype(np.float16))
+    mapper = mapper_of(drive, parameters, context)
+    T, H, W = len(drive.frames), mapper.grid.cells, mapper.context.cells if mapper.context else 0
+    assert mapper.origin is not None  # the drive's poses give it
+    about = _about(drive, mapper, mapper.origin)
+    if "mapping" not in keys:
+        _check_same(StoredDrive(store / drive.name), about)
+        about = {"lattice": about["lattice"]}
+    main, *beside = sorted(keys, key=list(GROUPS).index)
+    with DriveWriter(store, drive.name, main, keys[main], about, {group: keys[group] for group in beside}) as out:
+        written: list[tuple[ArrayWriter, str]] = []
+        if "mapping" in keys:
+            written.append((out.add("label", np.uint8, (T, H, H)), "label"))
+            written.append((out.add("evidence", np.float16, (T, 2, H, H)), "mass"))
+            centre_cell = mapper.grid.cell_of(drive.poses[:, :3, 3], mapper.origin)
+            for name, values in (("centre_cell", centre_cell), ("pose", drive.poses), ("time", drive.times)):
+                out.add(name, values.dtype, values.shape).extend(values)
+        if "context" in keys:
+            written.append((out.add("context_label", np.uint8, (T, W, W), "context"), "context_label"))
+            written.append((out.add("context_evidence", np.float16, (T, 2, W, W), "context"), "context_mass"))
+        for frame in mapped(drive, mapper):
+            for writer, field in written:
+                writer.append(getattr(frame, field))
             on_frame()
     return T
+
+
+def _about(drive: Drive, mapper: Mapper, origin: FloatArray) -> dict[str, Any]:
+    """What the manifest says beside the arrays."""
+    return {
+        "drive": drive.name,
+        "frames": drive.frames,
+        "stretches": drive.stretches(),
+        "source": {"drive": drive.name, "frames": len(drive.frames)},
+        "lattice": {
+            "origin": origin.tolist(),
+            "resolution": mapper.grid.resolution,
+            "cells": mapper.grid.cells,
+            "context": mapper.context.cells if mapper.context else None,
+        },
+        "period": mapper.period,
+        "sensor": mapper.sensor_to_body.tolist(),
+        "body": asdict(mapper.body),
+    }
+
+
+def _check_same(stored: StoredDrive, about: Mapping[str, Any]) -> None:
+    """Refuse to complete a drive with grids that would lie elsewhere than those it holds."""
+    there = (stored.frames, stored.manifest["lattice"]["origin"])
+    if there != (about["frames"], about["lattice"]["origin"]):
+        raise UserError(
+            f"{stored.folder}: was mapped from other frames or poses than the source has now; "
+            f"delete {stored.folder} and run again"
+        )
 
 
 def _chosen(found: list[Drive], names: list[str] | None) -> list[Drive]:
@@ -194,31 +203,32 @@ def _check(drives: list[Drive]) -> tuple[list[Drive], list[str]]:
     return ready, failures
 
 
-def _compile(parameters: MappingParameters) -> None:
+def _compile(parameters: MappingParameters, context: int | None = None) -> None:
     """Compile the mapping before the workers start, so that it happens once and is announced if it takes a while."""
     wait = "compiling the mapping for this machine: some seconds, kept on disk for the next time"
-    notice = threading.Timer(1.0, _say, [wait])
+    notice = threading.Timer(1.0, say, [wait])
     notice.daemon = True
     notice.start()
     try:
-        spec = GridSpec()
-        points = np.ones((1, 4), np.float32)
-        obstacle = parameters.ground.obstacles(points)
-        origin, centre = np.zeros(2), np.zeros(2, np.int32)
-        label = parameters.rays.label(points, obstacle, np.eye(4), centre, origin, spec)
-        evidence.step(np.zeros((2, *label.shape), np.float32), label, centre, parameters.evidence)
+        Mapper(parameters, context=context).step(np.ones((1, 4), np.float32), np.eye(4), 0.0)
     finally:
         notice.cancel()
 
 
 def _attempt(
-    drive: Drive, on_frame: Callable[[], None], *, store: Path, parameters: MappingParameters, key: str
+    drive: Drive,
+    on_frame: Callable[[], None],
+    *,
+    store: Path,
+    parameters: MappingParameters,
+    lacking: Mapping[str, Mapping[str, str]],
+    context: int | None,
 ) -> str | None:
     """Map one drive; a failure that the user can mend comes back as its line, so that other drives go on."""
     try:
         if not store.is_dir():
             raise UserError(f"{store}: not to be seen from {platform.node()}; give a folder that all workers share")
-        map_drive(drive, store, parameters, key, on_frame)
+        map_drive(drive, store, parameters, lacking[drive.name], context, on_frame)
     except UserError as error:
         return str(error)
     except OSError as error:
@@ -229,7 +239,3 @@ def _attempt(
 
 def _drives(count: int) -> str:
     return f"{count} drive{'' if count == 1 else 's'}"
-
-
-def _say(line: str) -> None:
-    tqdm.write(line, file=sys.stderr)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from envpred.build.grids import MappingParameters, build
+from envpred.build.grids import build
 from envpred.drives import one_drive
 from envpred.errors import UserError
 from envpred.horizons import PERIOD
@@ -15,6 +15,7 @@ from envpred.mapping.evidence import EvidenceParameters
 from envpred.mapping.geometry import GridSpec
 from envpred.mapping.ground import GroundSegmenter, MarkovRandomField, RansacPlane
 from envpred.mapping.label_grid import RayCasting
+from envpred.mapping.mapper import MappingParameters
 from envpred.simulate.commands import realism, record, scan, simulate, traffic
 from envpred.store import Store, StoredDrive
 
@@ -23,14 +24,16 @@ if TYPE_CHECKING:  # it brings torch along, which only some commands need
 
 
 def grids(
-    source: Path,
     store: Path,
+    source: Path | None = None,
     drives: list[str] | None = None,
     grid: GridSpec = GridSpec(),
     ground: GroundSegmenter = MarkovRandomField(),
     rays: RayCasting = RayCasting(),
     evidence: EvidenceParameters = EvidenceParameters(),
     sensor: Literal["calibration", "paper"] = "calibration",
+    every: int = 1,
+    context: int | None = None,
     workers: int | None = None,
     cluster: str | None = None,
     force: bool = False,
@@ -42,14 +45,17 @@ def grids(
     """Turn LiDAR drives into label grids, evidence and, with --dogma true, velocities on disk.
 
     Args:
-        source: folder with drives in KITTI raw's or KITTI odometry's layout.
         store: folder for the grids; finished drives in it are kept.
+        source: folder with drives in KITTI raw's or KITTI odometry's layout; left out, velocities are made for the
+            drives that the store holds.
         drives: names of the drives to map; by default all.
         grid: cells and resolution.
         ground: how ground is told from obstacles: MarkovRandomField or RansacPlane.
         rays: how obstacles become a label grid.
         evidence: what labels say, and how fast it fades.
         sensor: where the sensor sits: by the day's calibration, or as the paper's code takes it.
+        every: map every so many scans alone: 2 makes 10 Hz of a drive of 20 Hz.
+        context: cells of a wider grid that is mapped beside the one that is judged, and added to drives that lack it.
         workers: local processes; by default one a core.
         cluster: address of a Dask scheduler that works instead of local processes.
         force: build again what is there, also with other parameters.
@@ -58,9 +64,15 @@ def grids(
         particle_forecast: names of the drives that get the particle forecast too, or [all]; implies --dogma true.
         device: where the particle filter runs, cpu or cuda.
     """
-    parameters = MappingParameters(grid, ground, rays, evidence, sensor)
-    build(source, store, parameters, drives, workers, cluster, force)
-    if dogma or particle_forecast:
+    if every < 1:
+        raise UserError(f"--every {every}: give 1 for every scan, 2 for every second one, and so on")
+    dogma = dogma or bool(particle_forecast)
+    if source is not None:
+        parameters = MappingParameters(grid, ground, rays, evidence, sensor, every)
+        build(source, store, parameters, drives, workers, cluster, force, context)
+    elif not dogma or context is not None:
+        raise UserError("give the folder with the drives as --source; velocities alone (--dogma true) need none")
+    if dogma:
         with ends_at_once():
             from envpred.build.dogma import build_dogma
         build_dogma(store, particles, drives, particle_forecast, workers, cluster, force, device)
@@ -105,12 +117,13 @@ def ground(source: Path, out: Path, drive: str | None = None, frame: int | None 
     if frame is not None and frame not in chosen.frames:
         raise UserError(f"{chosen.name} has no frame {frame}; it has {chosen.frames[0]} to {chosen.frames[-1]}")
     points = chosen.scan(chosen.frames[0] if frame is None else frame)
-    methods = {"MRF": MarkovRandomField(), "RANSAC": RansacPlane()}
-    verdicts = {name: method.obstacles(points) for name, method in methods.items()}
+    methods: dict[str, GroundSegmenter] = {"MRF": MarkovRandomField(), "RANSAC": RansacPlane()}
+    reach, height = GridSpec().reach, chosen.sensor_height
+    verdicts = {name: method.obstacles(points, reach, height) for name, method in methods.items()}
     print(pictures.save(pictures.ground_comparison(points, verdicts), out))
 
 
-def show(store: Path, out: Path, drive: str | None = None, frame: int = 0) -> None:
+def show(store: Path, out: Path, drive: str | None = None, frame: int = 0, context: bool = False) -> None:
     """Draw a mapped drive: a label grid, its masses and probability as a picture, or the whole drive as a .gif.
 
     Args:
@@ -118,11 +131,12 @@ def show(store: Path, out: Path, drive: str | None = None, frame: int = 0) -> No
         out: picture (.png, .pdf) of one frame, or animation (.gif) of all.
         drive: name of the drive; by default the first.
         frame: position of the frame in the drive.
+        context: draw the wider grid instead of the one that is judged.
     """
     from envpred.pictures import grids as pictures
 
     chosen = _stored_drive(store, drive, frame)
-    labels, mass = chosen.array("label"), chosen.array("evidence")
+    labels, mass = (chosen.array(f"context_{name}" if context else name) for name in ("label", "evidence"))
     if out.suffix == ".gif":
         out.write_bytes(pictures.drive_animation(labels, mass, chosen.manifest.get("period", PERIOD)))
         print(out)

@@ -83,10 +83,10 @@ class Drive(ABC):
     @cached_property
     def period(self) -> float:
         """Nominal time between frames in seconds, from their stamps; KITTI's 0.1035 s are 10 Hz."""
-        return nominal(np.diff(self.times)[np.diff(self.frames) == self._stride])
+        return nominal(np.diff(self.times)[np.diff(self.frames) == self.stride])
 
     @property
-    def _stride(self) -> int:
+    def stride(self) -> int:
         """How much the numbers of frames that follow each other differ."""
         return 1
 
@@ -96,7 +96,7 @@ class Drive(ABC):
         A gap is a number that is missing, or stamps that differ from the period by more than half of it.
         """
         late = [is_gap(step, self.period) for step in np.diff(self.times)]
-        breaks = np.flatnonzero((np.diff(self.frames) != self._stride) | late) + 1
+        breaks = np.flatnonzero((np.diff(self.frames) != self.stride) | late) + 1
         edges = [0, *breaks.tolist(), len(self.frames)]
         return [(a, b - a) for a, b in itertools.pairwise(edges) if b > a]
 

@@ -1,6 +1,6 @@
 """Dynamic occupancy grid maps of a drive: which cells move, how fast, what goes into the store (Itkina et al. 2019)."""
 
-from collections.abc import Iterable, Iterator
+from collections import deque
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -8,14 +8,16 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from envpred.mapping.geometry import GridSpec
-from envpred.mapping.particle_forecast import forecast
+from envpred.mapping.geometry import FloatArray, GridSpec, IntArray
+from envpred.mapping.particle_forecast import forecast, horizons_at
 from envpred.mapping.particle_state import ParticleFilterParameters, initial_state
 from envpred.mapping.particles import DogmaGrid, step
+from envpred.mapping.period import PERIOD
 
 # The speed (m/s, per axis) that a network sees as 1: two cars that meet at 36 km/h each, relative to one of them, or
 # one car at 72 km/h relative to the ground.  What is faster is clipped.
 VELOCITY_SCALE = 20.0
+EGO_SECONDS = 0.5  # how long the ego's velocity is averaged over
 
 
 @dataclass(frozen=True)
@@ -40,12 +42,87 @@ class Dogma:
     Args:
         velocity: (T, 2, H, W) float16 mean velocity (east, north) in m/s; 0 where m(O) is too low.
         covariance: (T, 3, H, W) float16 its covariance (xx, xy, yy) in m^2/s^2; 0 where m(O) is too low.
-        forecast: (T, 15, H, W) uint8 probability of occupied 1 ... 15 frames ahead, times 255, or None.
+        forecast: (T, N, H, W) uint8 probability of occupied 1 ... N frames ahead, times 255, or None; N frames
+            are 1.5 s.
     """
 
     velocity: NDArray[np.float16]
     covariance: NDArray[np.float16]
     forecast: NDArray[np.uint8] | None
+
+
+class VelocityFilter:
+    """The particle filter at work on one grid after the other; what it has seen is kept inside.
+
+    Args:
+        parameters: filter and thresholds.
+        grid: cells and resolution.
+        period: time between frames in seconds.
+        seed: of all randomness; the filter starts anew with it after a gap.
+        with_forecast: also make the particle forecast, the largest array.
+        device: where the filter runs.
+    """
+
+    def __init__(
+        self,
+        parameters: DogmaParameters,
+        grid: GridSpec,
+        period: float = PERIOD,
+        seed: int = 0,
+        with_forecast: bool = False,
+        device: torch.device | str = "cpu",
+    ) -> None:
+        self.parameters, self.grid, self.seed, self.device = parameters, grid, seed, device
+        self.filter = parameters.filter.at(period)
+        self.horizons = horizons_at(period) if with_forecast else 0
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget what was seen, as after a gap."""
+        self.generator = torch.Generator(self.device).manual_seed(self.seed)
+        self.state = initial_state(self.filter, self.grid, self.device)
+        frames = max(round(EGO_SECONDS / self.filter.period), 1)
+        self._seen: deque[tuple[IntArray, FloatArray]] = deque(maxlen=frames + 1)
+
+    @torch.inference_mode()
+    def step(self, measured: NDArray[np.float32], centre_cell: IntArray, position: FloatArray | None = None) -> Dogma:
+        """The dynamic grid after one more measurement grid.
+
+        Args:
+            measured: (2, H, W) measurement masses (occupied, free), see `evidence.measured`.
+            centre_cell: (2,) lattice cell at the grid's centre; only differences matter.
+            position: (2,) of the ego in metres, for the drift of forecasts relative to the ground; by default that of
+                the centre cell.
+
+        Raises:
+            ValueError: if the shapes do not belong together or `measured` holds no masses.
+        """
+        centre_cell = np.asarray(centre_cell)
+        shift = centre_cell - (self._seen[-1][0] if self._seen else centre_cell)
+        place = centre_cell * self.grid.resolution if position is None else position
+        self._seen.append((centre_cell, np.asarray(place, np.float64)))
+        masses = torch.from_numpy(np.ascontiguousarray(measured)).to(self.device)
+        self.state, dogma = step(self.state, masses, shift.tolist(), self.filter, self.grid, self.generator)
+        dogma = confident(dogma, self.parameters)
+        return Dogma(
+            dogma.velocity.cpu().numpy().astype(np.float16),
+            dogma.covariance.cpu().numpy().astype(np.float16),
+            self._forecast(dogma) if self.horizons else None,
+        )
+
+    def _forecast(self, dogma: DogmaGrid) -> NDArray[np.uint8]:
+        moving = is_moving(dogma.velocity, dogma.covariance, self.parameters.tau)
+        drift = self._drift() if self.filter.frame == "ground" else (0.0, 0.0)
+        ahead = forecast(self.state, moving, self.filter, self.grid, self.generator, self.horizons, drift)
+        return to_byte(ahead).cpu().numpy()
+
+    def _drift(self) -> tuple[float, float]:
+        """Mean velocity (m/s) of the ego, and so of its grid, over the last half second; 0 at the start."""
+        steps = len(self._seen) - 1
+        if not steps:
+            return 0.0, 0.0
+        east, north = (self._seen[-1][1] - self._seen[0][1]) / (steps * self.filter.period)
+        return float(east), float(north)
 
 
 def run(
@@ -56,6 +133,7 @@ def run(
     seed: int = 0,
     with_forecast: bool = False,
     device: torch.device | str = "cpu",
+    period: float = PERIOD,
 ) -> Dogma:
     """The dynamic grids of a whole drive.
 
@@ -67,6 +145,7 @@ def run(
         seed: seed of all randomness.
         with_forecast: also make the particle forecast, the largest array.
         device: where the filter runs.
+        period: time between frames in seconds.
 
     Raises:
         ValueError: if the shapes do not belong together or `measured` holds no masses.
@@ -76,36 +155,10 @@ def run(
         raise ValueError(
             f"measured (T,2,H,W) and centre_cell (T,2) expected, not {measured.shape} and {centre_cell.shape}"
         )
-    frames = list(stream(measured, centre_cell, parameters, grid, seed, with_forecast, device))
+    velocities = VelocityFilter(parameters, grid, period, seed, with_forecast, device)
+    frames = [velocities.step(seen, centre) for seen, centre in zip(measured, centre_cell, strict=True)]
     ahead = np.stack([f.forecast for f in frames if f.forecast is not None]) if with_forecast else None
     return Dogma(np.stack([f.velocity for f in frames]), np.stack([f.covariance for f in frames]), ahead)
-
-
-def stream(
-    measured: Iterable[NDArray[np.float32]],
-    centre_cell: NDArray[np.integer],
-    parameters: DogmaParameters,
-    grid: GridSpec,
-    seed: int = 0,
-    with_forecast: bool = False,
-    device: torch.device | str = "cpu",
-) -> Iterator[Dogma]:
-    """As `run`, frame by frame: `measured` gives one frame (2, H, W) after the other, and so does what comes out."""
-    generator = torch.Generator(device).manual_seed(seed)
-    state = initial_state(parameters.filter, grid, device)
-    shifts = np.diff(centre_cell, axis=0, prepend=centre_cell[:1]).tolist()
-    for seen, shift in zip(measured, shifts, strict=True):
-        with torch.inference_mode():
-            masses = torch.from_numpy(np.ascontiguousarray(seen)).to(device)
-            state, dogma = step(state, masses, shift, parameters.filter, grid, generator)
-            dogma = confident(dogma, parameters)
-            ahead = None
-            if with_forecast:
-                moving = is_moving(dogma.velocity, dogma.covariance, parameters.tau)
-                ahead = to_byte(forecast(state, moving, parameters.filter, grid, generator)).cpu().numpy()
-        yield Dogma(
-            dogma.velocity.cpu().numpy().astype(np.float16), dogma.covariance.cpu().numpy().astype(np.float16), ahead
-        )
 
 
 def confident(dogma: DogmaGrid, parameters: DogmaParameters) -> DogmaGrid:

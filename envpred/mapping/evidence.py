@@ -3,13 +3,14 @@
 A cell carries m(O) and m(F); what is left, 1 - m(O) - m(F), is ignorance.  Channel order: (occupied, free).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from envpred.mapping.geometry import EGO, FREE, OCCUPIED
+from envpred.mapping.period import PERIOD
 
 Mass = NDArray[np.float32]
 
@@ -22,7 +23,7 @@ class EvidenceParameters:
         occupied: m(O) of a cell measured as occupied.
         free: m(F) of a cell measured as free.
         ego: m(O) of a cell under the ego.
-        discount: factor alpha on the masses of the past, per frame.
+        discount: factor alpha on the masses of the past, per frame of 0.1 s.
     """
 
     occupied: float = 0.95
@@ -34,6 +35,10 @@ class EvidenceParameters:
         for name, value in vars(self).items():
             if not 0 <= value <= 1:
                 raise ValueError(f"evidence parameter {name} must lie in [0, 1], not {value}")
+
+    def at(self, period: float) -> "EvidenceParameters":
+        """These parameters for frames that lie `period` seconds apart: masses fade as fast in time as at 0.1 s."""
+        return replace(self, discount=self.discount ** (period / PERIOD))
 
     def table(self) -> Mass:
         """Measured masses (4, 2) of the label codes."""

@@ -1,9 +1,11 @@
 """The grid and its lattice: the only owner of grid numbers."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+
+from envpred.errors import UserError
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int32]
@@ -72,6 +74,16 @@ class GridSpec:
         sqrt(2) (side / 2 + 1 m), as in the paper's reference code; the metre is for where the sensor sits in the body.
         """
         return float(np.sqrt(2) * (self.side / 2 + 1.0))
+
+    def wider(self, cells: int) -> "GridSpec":
+        """A grid of `cells` around this one, on the same lattice and with the same centre cell.
+
+        Raises:
+            UserError: if it is odd or smaller than this one.
+        """
+        if cells < self.cells or cells % 2:
+            raise UserError(f"--context {cells}: give an even number of cells of at least the grid's {self.cells}")
+        return replace(self, cells=cells)
 
     def lattice_origin(self, positions: FloatArray) -> FloatArray:
         """World position (2,) of lattice cell (0, 0) for a drive with IMU `positions` (T, >=2), in metres.

@@ -12,18 +12,38 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from envpred.mapping.geometry import GridSpec
-
-# sqrt(2) (side / 2 + 1 m): whatever the ego's heading, points that far cover the grid.
-REACH = float(np.sqrt(2) * (GridSpec().side / 2 + 1.0))
+from envpred.mapping.geometry import PAPER_SENSOR_HEIGHT
 
 
 class GroundSegmenter(ABC):
     """Anything that tells obstacle points from ground."""
 
     @abstractmethod
-    def obstacles(self, points: NDArray[np.float32]) -> NDArray[np.bool_]:
-        """Which of the `points` (N, >=3) in the sensor frame are obstacles: (N,) bool."""
+    def obstacles(
+        self,
+        points: NDArray[np.float32],
+        reach: float,
+        sensor_height: float = PAPER_SENSOR_HEIGHT,
+        context_reach: float | None = None,
+    ) -> NDArray[np.bool_]:
+        """Which points are obstacles: (N,) bool.
+
+        Args:
+            points: (N, >=3) in the sensor frame, metres.
+            reach: points with |x| or |y| beyond it (metres) take no part, see `GridSpec.reach`.
+            sensor_height: height of the sensor above the road in metres.
+            context_reach: that of a wider grid: points between the two take part too, but have no say about those
+                within `reach`, whose verdicts are to the bit what they are without them.
+        """
+
+
+@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
+def within(points, obstacle, reach):  # type: ignore[no-untyped-def]
+    """Those of the obstacles (N,) whose points (N, >=3) have |x| and |y| of at most `reach` (metres, float32)."""
+    near = np.zeros(len(points), np.bool_)
+    for n in range(len(points)):
+        near[n] = obstacle[n] & (abs(points[n, 0]) <= reach) & (abs(points[n, 1]) <= reach)
+    return near
 
 
 @dataclass(frozen=True)
@@ -32,25 +52,33 @@ class MarkovRandomField(GroundSegmenter):
 
     Args:
         cell: side of a cell in metres.
-        reach: points with |x| or |y| beyond it (metres) take no part; for a wider grid widen it too.
         ceiling: points above it in the sensor frame (metres) take no part.
         max_span: largest height that the points of a ground cell may span, in metres.
         max_rise: largest rise of a ground cell above its neighbours one ring further in, in metres.
-        sensor_height: height of the sensor above the road in metres, for an empty centre cell.
     """
 
     cell: float = 0.4
-    reach: float = REACH
     ceiling: float = 3.5
     max_span: float = 0.3
     max_rise: float = 0.3
-    sensor_height: float = 1.73
 
-    def obstacles(self, points: NDArray[np.float32]) -> NDArray[np.bool_]:
-        """Which of the `points` (N, >=3) in the sensor frame are obstacles: (N,) bool."""
-        half = int(np.ceil(self.reach / self.cell))
-        cells, highest, lowest = _heights(points, self.cell, half, np.float32(self.reach), np.float32(self.ceiling))
-        obstacle_cell = _spread(highest, lowest, half, self.max_span, self.max_rise, -self.sensor_height)
+    def obstacles(
+        self,
+        points: NDArray[np.float32],
+        reach: float,
+        sensor_height: float = PAPER_SENSOR_HEIGHT,
+        context_reach: float | None = None,
+    ) -> NDArray[np.bool_]:
+        """Which points are obstacles: (N,) bool; the ground of an empty centre cell lies at -`sensor_height`.
+
+        The field of a wider grid is that of the judged one with more rings around it, so one pass serves both.
+        """
+        far = reach if context_reach is None else max(reach, context_reach)
+        last = int(np.rint(np.float32(reach) / self.cell))
+        half = max(int(np.ceil(far / self.cell)), last + 1)
+        limits = np.float32(reach), np.float32(far), np.float32(self.ceiling)
+        cells, highest, lowest = _heights(points, self.cell, half, last, *limits)
+        obstacle_cell = _spread(highest, lowest, half, self.max_span, self.max_rise, -sensor_height)
         obstacle: NDArray[np.bool_] = _gather(obstacle_cell.ravel(), cells)
         return obstacle
 
@@ -63,7 +91,6 @@ class RansacPlane(GroundSegmenter):
         distance: points within it of the plane (metres) are ground.
         trials: planes tried, each through three random points.
         max_tilt: steepest plane in degrees that is taken for ground; keeps facades out.
-        reach: as for the random field.
         ceiling: as for the random field.
         seed: of the samples; the same for every scan, so that a scan's result depends on nothing else.
     """
@@ -71,13 +98,18 @@ class RansacPlane(GroundSegmenter):
     distance: float = 0.2
     trials: int = 100
     max_tilt: float = 15.0
-    reach: float = REACH
     ceiling: float = 3.5
     seed: int = 0
 
-    def obstacles(self, points: NDArray[np.float32]) -> NDArray[np.bool_]:
-        """Which of the `points` (N, >=3) in the sensor frame are obstacles: (N,) bool."""
-        taken = (np.abs(points[:, :2]) <= self.reach).all(axis=1) & (points[:, 2] <= self.ceiling)
+    def obstacles(
+        self,
+        points: NDArray[np.float32],
+        reach: float,
+        sensor_height: float = PAPER_SENSOR_HEIGHT,
+        context_reach: float | None = None,
+    ) -> NDArray[np.bool_]:
+        """Which points are obstacles: (N,) bool; the plane is that of the points within `reach`."""
+        taken = self._taking_part(points, reach)
         inside = np.ascontiguousarray(points[taken, :3])
         if len(inside) < 3:
             return np.zeros(len(points), np.bool_)
@@ -87,13 +119,21 @@ class RansacPlane(GroundSegmenter):
         level = np.abs(normals[:, 2]) >= np.cos(np.radians(self.max_tilt)) * lengths
         usable = level & (lengths > 0)
         if not usable.any():
-            return taken
+            return taken if context_reach is None else self._taking_part(points, max(reach, context_reach))
         normals = (normals[usable] / lengths[usable, None]).astype(np.float32)
         offsets = -(normals * samples[usable, 0]).sum(axis=1).astype(np.float32)
         best = int(np.argmax(_count_inliers(inside, normals, offsets, np.float32(self.distance))))
         obstacle = taken.copy()
         obstacle[taken] = np.abs(inside @ normals[best] + offsets[best]) > self.distance
+        if context_reach is not None:  # apart from the others, as a product's rounding may depend on its size
+            beyond = self._taking_part(points, context_reach) & ~taken
+            outside = np.ascontiguousarray(points[beyond, :3])
+            obstacle[beyond] = np.abs(outside @ normals[best] + offsets[best]) > self.distance
         return obstacle
+
+    def _taking_part(self, points: NDArray[np.float32], reach: float) -> NDArray[np.bool_]:
+        near: NDArray[np.bool_] = (np.abs(points[:, :2]) <= reach).all(axis=1) & (points[:, 2] <= self.ceiling)
+        return near
 
 
 @njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
@@ -108,18 +148,27 @@ def _count_inliers(points, normals, offsets, distance):  # type: ignore[no-untyp
 
 
 @njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
-def _heights(points, side, half, reach, ceiling):  # type: ignore[no-untyped-def]
-    """Flat cell of each point (-1: takes no part), and the highest and lowest z of every cell."""
+def _heights(points, side, half, last, reach, far, ceiling):  # type: ignore[no-untyped-def]
+    """Flat cell of each point (-1: takes no part), and the highest and lowest z of every cell.
+
+    Points beyond `reach` count for the rings beyond `last`, the ring that `reach` ends in: by less than one cell this
+    moves some of them, and the rings further in hold what they would without them.
+    """
     width = 2 * half + 1
     cells = np.empty(len(points), np.int32)
     highest = np.full(width * width, -np.inf, np.float32)
     lowest = np.full(width * width, np.inf, np.float32)
     for n in range(len(points)):
         x, y, z = points[n, 0], points[n, 1], points[n, 2]
-        if not (abs(x) <= reach and abs(y) <= reach and z <= ceiling):  # also true of what is not a number
+        if not (abs(x) <= far and abs(y) <= far and z <= ceiling):  # also true of what is not a number
             cells[n] = -1
             continue
-        c = (half + int(np.rint(x / side))) * width + half + int(np.rint(y / side))
+        i, j = int(np.rint(x / side)), int(np.rint(y / side))
+        if abs(x) > reach and abs(i) == last:
+            i += 1 if x > 0 else -1
+        if abs(y) > reach and abs(j) == last:
+            j += 1 if y > 0 else -1
+        c = (half + i) * width + half + j
         cells[n] = c
         highest[c] = max(highest[c], z)  # faster than branches, which are hard to foresee here
         lowest[c] = min(lowest[c], z)

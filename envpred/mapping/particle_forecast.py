@@ -9,7 +9,13 @@ from envpred.mapping.geometry import GridSpec
 from envpred.mapping.particle_state import ParticleFilterParameters, ParticleState
 from envpred.mapping.particles import cell_number, without_rim
 
-HORIZONS = 15
+SECONDS = 1.5  # how far ahead the particle forecast is stored
+HORIZONS = 15  # the frames that are, at 10 Hz
+
+
+def horizons_at(period: float) -> int:
+    """Frames of `period` seconds that reach 1.5 s ahead."""
+    return max(round(SECONDS / period), 1)
 
 
 def forecast(

@@ -1,6 +1,6 @@
 """What the particle filter carries from frame to frame, and the numbers it runs with (Nuss et al. 2016)."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import torch
@@ -22,7 +22,7 @@ class ParticleFilterParameters:
         persistent: particles that are kept from frame to frame.
         births: particles that are born in a frame.
         discount: factor alpha on the free mass of the past, per frame.
-        period: time T between frames, in seconds.
+        period: time T between the frames that the numbers per frame hold for, in seconds; see `at`.
         survival: probability p_S that what occupies a cell is still there one frame later.
         birth: probability p_B that a cell is newly occupied.
         birth_velocity: standard deviation of a newborn's velocity, per axis, in m/s.
@@ -85,6 +85,27 @@ class ParticleFilterParameters:
             raise UserError("matching of the particle filter needs --particles.filter.frame ground: the other shifts")
         if self.frame not in ("ego", "ground"):
             raise UserError(f"frame of the particle filter must be 'ego' or 'ground', not {self.frame!r}")
+
+    def at(self, period: float) -> "ParticleFilterParameters":
+        """These numbers for frames that lie `period` seconds apart instead of `self.period`.
+
+        With r the ratio of the two: what stays from frame to frame, the discount and p_S, becomes x^r; what comes anew,
+        p_B, becomes 1 - (1 - p_B)^r; the process noise is a random walk, whose deviation per frame becomes sqrt(r) of
+        what it was; matching looks back over the same time.  Numbers of particles and velocities stay.
+        """
+        r = period / self.period
+        if r == 1:  # to the bit
+            return self
+        return replace(
+            self,
+            period=period,
+            discount=self.discount**r,
+            survival=self.survival**r,
+            birth=1 - (1 - self.birth) ** r,
+            position_noise=self.position_noise * r**0.5,
+            velocity_noise=self.velocity_noise * r**0.5,
+            matching=max(round(self.matching / r), 1) if self.matching else 0,
+        )
 
 
 # For velocities relative to the ground, where most things stand and the others drive steadily.  The paper's process

@@ -6,11 +6,12 @@ from pathlib import Path
 
 import numpy as np
 
-from envpred.drives.drive import Drive, find_drives
-from envpred.mapping.evidence import accumulate, pignistic
-from envpred.mapping.geometry import FREE, OCCUPIED, GridSpec
-from envpred.mapping.ground import MarkovRandomField
-from envpred.mapping.label_grid import RayCasting
+from envpred.build.grids import mapped, mapper_of
+from envpred.drives import Drive, find_drives
+from envpred.mapping.evidence import pignistic
+from envpred.mapping.geometry import FREE, OCCUPIED
+from envpred.mapping.mapper import MappingParameters
+from envpred.mapping.shift import overlap
 
 _WINDOW, _GIVEN = 20, 5  # frames of a window, and how many of them the static baseline may see
 _HORIZONS = (1, 5, 10, 15)  # frames ahead
@@ -40,24 +41,18 @@ class Figures:
 
 def figures(drive: Drive) -> Figures:
     """The figures of one drive, mapped with the paper's parameters."""
-    spec, ground, rays = GridSpec(), MarkovRandomField(), RayCasting()
-    body = drive.poses
-    sensor = body @ drive.sensor_to_body()
-    origin = spec.lattice_origin(body[:, :3, 3])
-    centre = spec.cell_of(body[:, :3, 3], origin)
-    labels = np.empty((len(body), spec.cells, spec.cells), np.uint8)
-    points, obstacles = [], []
-    for t, frame in enumerate(drive.frames):
-        scan = drive.scan(frame)
-        obstacle = ground.obstacles(scan)
-        points.append(len(scan))
-        obstacles.append(int(obstacle.sum()))
-        labels[t] = rays.label(scan, obstacle, sensor[t], centre[t], origin, spec)
-    probability = pignistic(accumulate(labels, centre))
+    frames = []
+    obstacles, points = [], []
+    for frame in mapped(drive, mapper_of(drive, MappingParameters())):
+        points.append(len(frame.obstacle))
+        obstacles.append(int(frame.obstacle.sum()))
+        frames.append(frame[:3])
+    labels, masses, centre = (np.stack(values) for values in zip(*frames, strict=True))
+    probability = pignistic(masses)
     windows = [probability[a : a + _WINDOW] for a in range(0, len(labels) - _WINDOW + 1, _WINDOW)]
     errors = [[((w[_GIVEN - 1] - w[_GIVEN - 1 + h]) ** 2).mean() for h in _HORIZONS] for w in windows]
-    steps = np.hypot(*np.diff(body[:, :2, 3], axis=0).T)
-    seconds = drive.time(drive.frames[-1]) - drive.time(drive.frames[0])
+    steps = np.hypot(*np.diff(drive.poses[:, :2, 3], axis=0).T)
+    seconds = drive.times[-1] - drive.times[0]
     return Figures(
         float(np.median(points)),
         float(np.median(obstacles)),
@@ -72,19 +67,11 @@ def _moved(labels: np.ndarray, centre: np.ndarray) -> float:
     """Share of occupied cells that are seen free `_MOVED` frames later at the same place of the world."""
     gone, all_ = 0, 0
     for t in range(0, len(labels) - _MOVED, _MOVED):
-        di, dj = (int(v) for v in centre[t + _MOVED] - centre[t])
-        now, then = _overlap(labels[t], labels[t + _MOVED], di, dj)
+        there, here = overlap(centre[t + _MOVED] - centre[t], labels.shape[1:])
+        now, then = labels[t][here], labels[t + _MOVED][there]
         gone += int(((now == OCCUPIED) & (then == FREE)).sum())
         all_ += int(((now == OCCUPIED) & ((then == FREE) | (then == OCCUPIED))).sum())
     return gone / max(all_, 1)
-
-
-def _overlap(now: np.ndarray, then: np.ndarray, di: int, dj: int) -> tuple[np.ndarray, np.ndarray]:
-    """The cells of two grids that lie at the same place, the second grid having moved by (di, dj) cells."""
-    size_i, size_j = now.shape
-    a = now[max(di, 0) : size_i + min(di, 0), max(dj, 0) : size_j + min(dj, 0)]
-    b = then[max(-di, 0) : size_i + min(-di, 0), max(-dj, 0) : size_j + min(-dj, 0)]
-    return a, b
 
 
 _ROWS: tuple[tuple[str, Callable[[Figures], float], str], ...] = (

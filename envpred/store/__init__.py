@@ -4,17 +4,20 @@
     store/<drive>/manifest.json      frames, stretches, lattice, group -> hash, array -> file, dtype, shape, ...
     store/<drive>/<array>.npy        (<array>.1.npy after the array was built again: the manifest knows)
 
-A group is what one step makes with one set of parameters: `mapping` the label grids and evidence, `dogma` the
-velocities.  A new drive appears by one rename; a further group, or a drive built again, by one replaced manifest, which
-alone says what is valid.  So whatever is interrupted leaves a complete drive or none.
+A group is what one step makes with one set of parameters: `mapping` the label grids and evidence, `context` those of a
+wider grid, `dogma` the velocities (`groups.GROUPS`).  A new drive appears by one rename; a further group, or a drive
+built again, by one replaced manifest, which alone says what is valid.  So whatever is interrupted leaves a complete
+drive or none.
 """
 
 from envpred.store.files import FORMAT, MANIFEST, digest
-from envpred.store.reading import MAPPING_ARRAYS, Store, StoredDrive
+from envpred.store.groups import GROUPS, MAPPING_ARRAYS
+from envpred.store.reading import Store, StoredDrive
 from envpred.store.writing import ArrayWriter, DriveWriter, sweep
 
 __all__ = [
     "FORMAT",
+    "GROUPS",
     "MANIFEST",
     "MAPPING_ARRAYS",
     "ArrayWriter",

@@ -2,7 +2,7 @@
 
 import json
 import zlib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from functools import cached_property
 from pathlib import Path
 from typing import Any, cast
@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from envpred.errors import UserError
 from envpred.mapping.geometry import Body, FloatArray, GridSpec
 from envpred.store.files import FORMAT, MANIFEST, digest, read_json, write_json
-
-MAPPING_ARRAYS = ("label", "evidence", "centre_cell", "pose", "time")
+from envpred.store.groups import command, group_of
 
 
 class Store:
@@ -45,6 +44,39 @@ class Store:
     def parameters(self, group: str) -> dict[str, Any]:
         """The parameters that `group` was made with."""
         return cast(dict[str, Any], self._index()["groups"].get(group, {}).get("parameters", {}))
+
+    def lacking(self, drive: str, keys: Mapping[str, str]) -> dict[str, str]:
+        """Those of the groups `keys` (name -> hash of parameters) that `drive` has not, or has with other parameters.
+
+        Whoever lacks the mapping lacks them all, as they are made of it.
+        """
+        there = self.drives[drive].manifest["groups"] if drive in self.drives else {}
+        missing = {group: key for group, key in keys.items() if there.get(group) != key}
+        return dict(keys) if "mapping" in missing else missing
+
+    def check(self, drives: Iterable[str], arrays: Iterable[str]) -> None:
+        """Refuse what cannot be read together: an array that a drive lacks, or has from other parameters.
+
+        Args:
+            drives: names of drives of this store.
+            arrays: names of stored arrays.
+
+        Raises:
+            UserError: with the command that mends it.
+        """
+        names = list(drives)
+        for array in arrays:
+            for name in names:
+                self.drives[name].array(array)
+            # What the others are made of must be of one kind too.
+            for group in dict.fromkeys(("mapping", group_of(array) or "mapping")):
+                key = digest(self.parameters(group))
+                stale = [name for name in names if self.drives[name].manifest["groups"].get(group) != key]
+                if stale:
+                    raise UserError(
+                        f"{self.folder}: the {group} grids of {', '.join(stale)} were built with other parameters than "
+                        f"the store says; run `{command(self.folder, array)}` again, with the options they have now"
+                    )
 
     def claim(self, group: str, parameters: Mapping[str, Any], *, force: bool = False) -> str:
         """Note that `group` is made with `parameters` in this store, and return their hash.
@@ -165,9 +197,10 @@ class StoredDrive:
         """
         entry = self.manifest["arrays"].get(name)
         if entry is None:
+            if group_of(name) is None:
+                raise UserError(f"{self.folder}: holds no array {name!r}; it has {', '.join(self.manifest['arrays'])}")
             raise UserError(
-                f"{self.folder}: holds no array {name!r}; build it with `envpred grids --store {self.folder.parent}"
-                f"{'' if name in MAPPING_ARRAYS else ' --dogma true'}`"
+                f"{self.folder}: holds no array {name!r}; build it with `{command(self.folder.parent, name)}`"
             )
         file = self.folder / entry["file"]
         try:

@@ -83,17 +83,29 @@ class DriveWriter:
         group: `mapping` for the drive itself; any other name completes a drive that is there.
         key: hash of the group's parameters, as `Store.claim` returns it.
         about: what the manifest says beside its arrays; of a drive that is completed, what changes.
+        beside: further groups that are written in the same step, and the hashes of their parameters.
     """
 
-    def __init__(self, store: Path, drive: str, group: str, key: str, about: Mapping[str, Any]) -> None:
-        self.folder, self.group, self.key, self.about = store / drive, group, key, about
+    def __init__(
+        self,
+        store: Path,
+        drive: str,
+        group: str,
+        key: str,
+        about: Mapping[str, Any],
+        beside: Mapping[str, str] | None = None,
+    ) -> None:
+        self.folder, self.group, self.about = store / drive, group, about
+        self.keys = {group: key, **(beside or {})}
         self.base = None if group == "mapping" else StoredDrive(self.folder).manifest["groups"]["mapping"]
         self.part = store / f".part-{drive}-{platform.node()}-{os.getpid()}"
         self.writers: dict[str, ArrayWriter] = {}
+        self.groups: dict[str, str] = {}
 
-    def add(self, name: str, dtype: DTypeLike, shape: tuple[int, ...]) -> ArrayWriter:
-        """A writer for the array `name`."""
+    def add(self, name: str, dtype: DTypeLike, shape: tuple[int, ...], group: str | None = None) -> ArrayWriter:
+        """A writer for the array `name`, of one of the groups `beside` if that is given."""
         self.writers[name] = ArrayWriter(self.part / f"{name}.npy", np.dtype(dtype), shape)
+        self.groups[name] = group or self.group
         return self.writers[name]
 
     def __enter__(self) -> Self:
@@ -113,7 +125,7 @@ class DriveWriter:
             shutil.rmtree(self.part, ignore_errors=True)
 
     def _publish(self) -> None:
-        entries = {name: {**writer.close(), "group": self.group} for name, writer in self.writers.items()}
+        entries = {name: {**writer.close(), "group": self.groups[name]} for name, writer in self.writers.items()}
         if not (self.folder / MANIFEST).is_file():
             if self.base is not None:
                 raise UserError(f"{self.folder}: was removed while {self.group} was built; run again")
@@ -137,12 +149,12 @@ class DriveWriter:
                 file.unlink()
 
     def _manifest(self, old: Mapping[str, Any], entries: Mapping[str, Any]) -> dict[str, Any]:
-        """The manifest with this group's arrays in place of those that `old` has of it."""
-        others = {name: entry for name, entry in old.get("arrays", {}).items() if entry["group"] != self.group}
+        """The manifest with the arrays of these groups in place of those that `old` has of them."""
+        others = {name: entry for name, entry in old.get("arrays", {}).items() if entry["group"] not in self.keys}
         return {
             **(old or {"format": FORMAT}),
             **self.about,
-            "groups": {**old.get("groups", {}), self.group: self.key},
+            "groups": {**old.get("groups", {}), **self.keys},
             "arrays": {**others, **entries},
             "software": f"envpred {__version__}",
         }

@@ -9,12 +9,14 @@ import numpy as np
 import pytest
 
 from envpred.build import grids as building
-from envpred.build.grids import MappingParameters, build
+from envpred.build import jobs
+from envpred.build.grids import build
 from envpred.drives import find_drives
 from envpred.drives.drive import Drive
 from envpred.errors import UserError
 from envpred.mapping import evidence, ground, label_grid
 from envpred.mapping.geometry import GridSpec
+from envpred.mapping.mapper import MappingParameters
 from envpred.store import Store
 from tests.build import builds
 from tests.drives.synthetic import write_drive
@@ -43,7 +45,7 @@ def built(source: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 def no_processes(monkeypatch: pytest.MonkeyPatch) -> None:
     """Builds called here map in this process; those that `builds.run` starts use worker processes as ever."""
     monkeypatch.setattr(
-        building, "in_processes", lambda job, drives, _: ((len(d.frames), job(d, lambda: None)) for d in drives)
+        jobs, "in_processes", lambda job, drives, _: ((len(d.frames), job(d, lambda: None)) for d in drives)
     )
 
 
@@ -112,7 +114,7 @@ def test_finished_drives_are_skipped(source: Path, copy: Path, monkeypatch: pyte
     build(source, copy, workers=1)
     assert {file: file.stat().st_mtime_ns for file in times} == times
     assert builds.all_valid(copy) == NAMES
-    monkeypatch.setattr(building, "in_processes", lambda *_: pytest.fail("something was mapped"))
+    monkeypatch.setattr(jobs, "in_processes", lambda *_: pytest.fail("something was mapped"))
     build(source, copy, workers=1)
 
 
@@ -194,7 +196,7 @@ def test_number_of_workers_is_checked(source: Path, tmp_path: Path, workers: int
 
 def test_compiling_ahead_leaves_nothing_to_compile(source: Path, tmp_path: Path) -> None:
     """The call that compiles must have the argument types of the mapping, or every worker compiles again."""
-    building._compile(MappingParameters())
+    building._compile(MappingParameters(), 160)
     dispatchers = [
         function
         for module in (ground, label_grid, evidence)
@@ -203,8 +205,8 @@ def test_compiling_ahead_leaves_nothing_to_compile(source: Path, tmp_path: Path)
     before = [list(dispatcher.signatures) for dispatcher in dispatchers]
     assert any(before)
     drive = next(drive for drive in find_drives(source) if drive.name == NAMES[2])
-    key = Store(tmp_path).claim("mapping", {})
-    building.map_drive(drive, tmp_path, MappingParameters(), key)
+    keys = {"mapping": Store(tmp_path).claim("mapping", {}), "context": "c"}
+    building.map_drive(drive, tmp_path, MappingParameters(), keys, 160)
     assert [list(dispatcher.signatures) for dispatcher in dispatchers] == before
 
 

@@ -26,13 +26,15 @@ SENSOR_IN_BODY = np.array([0.81, -0.32, 0.80])  # the calibration that is writte
 OXTS_FIELDS = 30
 
 
-def motion(frames: int = 40, speed: float = 5.0, heading: float = 0.0, weave: float = 0.0) -> Array:
+def motion(
+    frames: int = 40, speed: float = 5.0, heading: float = 0.0, weave: float = 0.0, period: float = PERIOD
+) -> Array:
     """Body poses (T, 4, 4) of a drive along a street at `speed` m/s, swaying by `weave` radians around `heading`."""
-    time = PERIOD * np.arange(frames)
+    time = period * np.arange(frames)
     yaw = heading + weave * np.sin(time)
     velocity = speed * np.stack([np.cos(yaw), np.sin(yaw)], axis=1)
     poses = np.tile(np.eye(4), (frames, 1, 1))
-    poses[1:, :2, 3] = PERIOD * np.cumsum(velocity[:-1], axis=0)
+    poses[1:, :2, 3] = period * np.cumsum(velocity[:-1], axis=0)
     poses[:, 0, 0], poses[:, 1, 1], poses[:, 1, 0], poses[:, 0, 1] = np.cos(yaw), np.cos(yaw), np.sin(yaw), -np.sin(yaw)
     return poses
 
@@ -91,10 +93,12 @@ def scan(body_pose: Array, boxes: Array, heading: float = 0.0, azimuths: int = 3
     return rounded
 
 
-def scans(poses: Array, heading: float = 0.0, azimuths: int = 360, seed: int = 0) -> list[NDArray[np.float32]]:
+def scans(
+    poses: Array, heading: float = 0.0, azimuths: int = 360, seed: int = 0, period: float = PERIOD
+) -> list[NDArray[np.float32]]:
     """One scan for each of the body `poses` (T, 4, 4), while the traffic moves."""
     boxes, velocities = street(float(np.linalg.norm(poses[-1, :2, 3])), seed)
-    steps = PERIOD * velocities.repeat(2, axis=1)
+    steps = period * velocities.repeat(2, axis=1)
     return [scan(pose, boxes + t * steps, heading, azimuths) for t, pose in enumerate(poses)]
 
 
@@ -113,6 +117,7 @@ def write_drive(
     blank_stamps: bool = True,
     calibration: bool = True,
     images: bool = False,
+    period: float = PERIOD,
 ) -> Path:
     """Write one KITTI raw drive under `root` and return its folder `<date>/<date>_drive_<number>_sync`.
 
@@ -130,13 +135,14 @@ def write_drive(
         blank_stamps: whether what is missing leaves an empty line in its timestamps, as KITTI does, else a filled one.
         calibration: whether the day has a calib_imu_to_velo.txt.
         images: whether to add small pictures of camera 2.
+        period: seconds between frames.
     """
     folder = root / DATE / f"{DATE}_drive_{number}_sync"
-    poses = motion(frames, speed, heading, weave)
+    poses = motion(frames, speed, heading, weave, period)
     for part, missing in (("velodyne_points", missing_scans), ("oxts", missing_packets)):
         (folder / part / "data").mkdir(parents=True)
-        _write_stamps(folder / part / "timestamps.txt", frames, missing if blank_stamps else ())
-    for k, points in enumerate(scans(poses, heading, azimuths, seed)):
+        _write_stamps(folder / part / "timestamps.txt", frames, missing if blank_stamps else (), period)
+    for k, points in enumerate(scans(poses, heading, azimuths, seed, period)):
         if k not in missing_scans:
             points.tofile(folder / "velodyne_points" / "data" / f"{k:010d}.bin")
         if k not in missing_packets:
@@ -195,9 +201,9 @@ def write_sequence(
     return folder
 
 
-def _write_stamps(file: Path, frames: int, blank: Collection[int]) -> None:
+def _write_stamps(file: Path, frames: int, blank: Collection[int], period: float) -> None:
     start = datetime(2011, 9, 26, 13, 2, 25, 964389)
-    stamps = [start + timedelta(seconds=PERIOD) * k for k in range(frames)]
+    stamps = [start + timedelta(seconds=period) * k for k in range(frames)]
     file.write_text("\n".join("" if k in blank else f"{stamps[k]}445" for k in range(frames)) + "\n")
 
 

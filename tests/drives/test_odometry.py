@@ -7,25 +7,17 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from envpred.build.grids import mapped, mapper_of
 from envpred.drives import Drive, find_drives
 from envpred.errors import UserError
-from envpred.mapping.geometry import GridSpec
-from envpred.mapping.ground import MarkovRandomField
-from envpred.mapping.label_grid import RayCasting
+from envpred.mapping.mapper import MappingParameters
 from tests.drives.synthetic import motion, write_drive, write_sequence
 
 
 def grids(drive: Drive) -> tuple[NDArray[np.uint8], NDArray[np.int32]]:
     """Label grids (T, H, W) and centre cells (T, 2) of a drive."""
-    spec, positions = GridSpec(), drive.poses[:, :3, 3]
-    origin = spec.lattice_origin(positions)
-    cells = spec.cell_of(positions, origin)
-    labels = []
-    for k, pose, cell in zip(drive.frames, drive.poses, cells, strict=True):
-        points = drive.scan(k)
-        obstacle = MarkovRandomField().obstacles(points)
-        labels.append(RayCasting().label(points, obstacle, pose @ drive.sensor_to_body(), cell, origin, spec))
-    return np.stack(labels), cells
+    frames = list(mapped(drive, mapper_of(drive, MappingParameters())))
+    return np.stack([frame.label for frame in frames]), np.stack([frame.centre_cell for frame in frames])
 
 
 @pytest.fixture

@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from envpred.build.grids import mapped, mapper_of
 from envpred.drives import find_drives
 from envpred.mapping.evidence import accumulate, pignistic
-from envpred.mapping.geometry import PAPER_SENSOR_OFFSET, GridSpec
-from envpred.mapping.ground import MarkovRandomField
-from envpred.mapping.label_grid import RayCasting
+from envpred.mapping.mapper import MappingParameters
 
 DRIVES = ["0005", "0013"]
 GIVEN, WINDOW = 5, 20
@@ -27,27 +26,20 @@ Labels = dict[str, NDArray[np.uint8]]
 
 
 @cache
-def mapped(root: Path, number: str) -> tuple[Labels, NDArray[np.int32], NDArray[np.int64]]:
+def mapping(root: Path, number: str) -> tuple[Labels, NDArray[np.int32], NDArray[np.int64]]:
     """Label grids (T, H, W) with the day's calibration and with the paper's offset, centre cells, obstacle points."""
     [drive] = [drive for drive in find_drives(root) if f"drive_{number}_" in drive.name]
-    spec, poses = GridSpec(), drive.poses
-    origin = spec.lattice_origin(poses[:, :3, 3])
-    cells = spec.cell_of(poses[:, :3, 3], origin)
-    sensors = {"calibration": drive.sensor_to_body(), "paper": PAPER_SENSOR_OFFSET}
-    labels: Labels = {name: np.empty((len(poses), 128, 128), np.uint8) for name in sensors}
-    left = np.empty(len(poses), np.int64)
-    for t, k in enumerate(drive.frames):
-        points = drive.scan(k)
-        obstacle = MarkovRandomField().obstacles(points)
-        left[t] = np.count_nonzero(obstacle)
-        for name, sensor in sensors.items():
-            labels[name][t] = RayCasting().label(points, obstacle, poses[t] @ sensor, cells[t], origin, spec)
-    return labels, cells, left
+    labels: Labels = {}
+    for sensor in ("calibration", "paper"):
+        frames = list(mapped(drive, mapper_of(drive, MappingParameters(sensor=sensor))))
+        labels[sensor] = np.stack([frame.label for frame in frames])
+    cells = np.stack([frame.centre_cell for frame in frames])
+    return labels, cells, np.array([np.count_nonzero(frame.obstacle) for frame in frames])
 
 
 @pytest.mark.parametrize("number", DRIVES)
 def test_shares_of_the_labels(kitti: Path, number: str) -> None:
-    labels, _, _ = mapped(kitti, number)
+    labels, _, _ = mapping(kitti, number)
     shares = np.bincount(labels["calibration"].ravel(), minlength=4) / labels["calibration"].size
     assert shares == pytest.approx(SHARES[number], abs=0.005)
 
@@ -55,7 +47,7 @@ def test_shares_of_the_labels(kitti: Path, number: str) -> None:
 @pytest.mark.parametrize("number", DRIVES)
 @pytest.mark.parametrize(("sensor", "least"), [("calibration", 0.985), ("paper", 0.995)])
 def test_labels_cell_by_cell(kitti: Path, shared: Path, number: str, sensor: str, least: float) -> None:
-    labels, cells, _ = mapped(kitti, number)
+    labels, cells, _ = mapping(kitti, number)
     reference = np.load(shared / "reference" / f"label_grids_{number}.npz")
     assert (np.diff(cells, axis=0) == np.diff(reference["centre_cell"], axis=0)).all()
     assert (labels[sensor] == reference["labels"]).mean() >= least
@@ -63,7 +55,7 @@ def test_labels_cell_by_cell(kitti: Path, shared: Path, number: str, sensor: str
 
 @pytest.mark.parametrize("number", DRIVES)
 def test_static_baseline(kitti: Path, number: str) -> None:
-    labels, cells, _ = mapped(kitti, number)
+    labels, cells, _ = mapping(kitti, number)
     probability = pignistic(accumulate(labels["calibration"], cells))
     starts = range(0, len(probability) - WINDOW + 1, WINDOW)
     assert len(starts) == 7
@@ -74,5 +66,5 @@ def test_static_baseline(kitti: Path, number: str) -> None:
 
 @pytest.mark.parametrize("number", DRIVES)
 def test_points_left_after_ground_removal(kitti: Path, number: str) -> None:
-    _, _, left = mapped(kitti, number)
+    _, _, left = mapping(kitti, number)
     assert [left.min(), np.median(left), left.max()] == pytest.approx(LEFT[number], rel=0.03)

@@ -23,6 +23,7 @@ from envpred.mapping.geometry import EGO, OCCUPIED, GridSpec
 from envpred.mapping.particle_forecast import forecast
 from envpred.mapping.particle_state import GROUND, ParticleFilterParameters, initial_state
 from envpred.mapping.particles import DogmaGrid, step
+from tests.mapping.filters import block_scene
 
 SMALL = DogmaParameters(ParticleFilterParameters(persistent=2000, births=200))
 TINY = GridSpec(cells=16)
@@ -81,8 +82,35 @@ def test_streaming_equals_the_whole_drive(frame: Literal["ego", "ground"]) -> No
         np.testing.assert_array_equal(whole.velocity[t], dogma.velocity.half())
         np.testing.assert_array_equal(whole.covariance[t], dogma.covariance.half())
         moving = is_moving(dogma.velocity, dogma.covariance)
-        ahead = forecast(state, moving, parameters.filter, TINY, generator)
+        back = min(t, 5)  # of what is relative to the ground, the grid drives away: as fast as over half a second
+        drift = (centre_cell[t] - centre_cell[t - back]) / max(back, 1) * TINY.resolution / 0.1
+        drift = drift.tolist() if frame == "ground" else (0, 0)
+        ahead = forecast(state, moving, parameters.filter, TINY, generator, drift=drift)
         np.testing.assert_array_equal(whole.forecast[t], to_byte(ahead))
+
+
+def test_a_forecast_lies_in_the_grid_of_its_frame_whatever_velocities_are_relative_to() -> None:
+    """A block moves east at 10 m/s, the ego at 20/3: it gains one cell a frame, whoever looks at it."""
+    grid, numbers = GridSpec(cells=48), replace(GROUND, persistent=20_000, births=2_000)
+    grids, _ = block_scene(grid, 24, (10.0, 0.0), ego_cells=(2, 0))
+    measured = torch.stack(grids).numpy()
+    centre_cell = np.stack([2 * np.arange(24), np.zeros(24, int)], 1)
+    whole = run(measured[:-5], centre_cell[:-5], DogmaParameters(numbers), grid, with_forecast=True)
+    assert whole.forecast is not None
+
+    def east(field: np.ndarray) -> float:
+        return float((field.sum(1) * np.arange(48)).sum() / field.sum())
+
+    actual = east((measured[-1, 0] > 0).astype(float))
+    # On the grid of the frame that it was made in it would lie 10 cells further.
+    assert east(whole.forecast[-1, 4].astype(float)) == pytest.approx(actual, abs=1.5)
+
+
+def test_a_drive_of_20_hz_is_forecast_as_far_in_time() -> None:
+    measured, centre_cell = drive()
+    dogma = run(measured, centre_cell, SMALL, TINY, with_forecast=True, period=0.05)
+    assert dogma.forecast is not None
+    assert dogma.forecast.shape == (6, 30, 16, 16)
 
 
 def test_arrays_of_the_store() -> None:

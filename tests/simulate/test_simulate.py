@@ -184,7 +184,8 @@ def test_free_cells_hold_no_object(drives: list[KittiDrive]) -> None:
         centre = spec.cell_of(drive.poses[0, :3, 3], origin)
         sensor = drive.poses[0] @ drive.sensor_to_body()
         points, words = drive.scan(0), words_of(drive, 0)
-        grid = RayCasting().label(points, MarkovRandomField().obstacles(points), sensor, centre, origin, spec)
+        obstacle = MarkovRandomField().obstacles(points, spec.reach)
+        grid = RayCasting().label(points, obstacle, sensor, centre, origin, spec)
         thing = ~np.isin(classes.semantic(words), (*classes.GROUND, classes.VEGETATION)) & (points[:, 2] < 0.2)
         world = points[thing, :3] @ sensor[:3, :3].T + sensor[:3, 3]
         cells = spec.cell_of(world, origin) - centre + spec.half

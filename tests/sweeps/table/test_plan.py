@@ -8,12 +8,12 @@ import pytest
 import yaml
 
 from envpred.build.dogma import build_dogma
-from envpred.build.grids import MappingParameters
 from envpred.cli.arguments import FitArguments
 from envpred.datamodules.variants import VARIANTS
 from envpred.errors import UserError
 from envpred.mapping.dogma import DogmaParameters
 from envpred.mapping.evidence import EvidenceParameters
+from envpred.mapping.mapper import MappingParameters
 from envpred.mapping.particle_state import GROUND, ParticleFilterParameters
 from envpred.store import Store
 from sweeps.table import stores
