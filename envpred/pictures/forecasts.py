@@ -118,8 +118,7 @@ def _draw_seen(column: Sequence[Axes], scene: Scene) -> None:
         for ax in column[:used]:
             ax.set_ylabel("north (m)", fontsize=8)
             ax.yaxis.set_major_locator(metres())
-    for ax in column[:used]:
-        ax.xaxis.set_major_locator(metres())
+    column[used - 1].xaxis.set_major_locator(metres())
     column[used - 1].set_xlabel("east (m)", fontsize=8)
     for ax in column[used:]:
         ax.set_axis_off()

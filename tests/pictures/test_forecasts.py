@@ -77,6 +77,7 @@ def test_the_context_stands_below_what_was_seen() -> None:
     seen = next(ax for ax in fig.axes if ax.get_title() == "0.0 s, seen")
     assert context.get_position().x0 == seen.get_position().x0
     assert context.get_position().y1 < seen.get_position().y0
+    assert (len(seen.get_xticks()), len(context.get_xticks()) > 2) == (0, True)  # its title has the place between
     labelled = [ax for ax in fig.axes if ax.get_ylabel().split("\n")[0] in ("target", "static")]
     assert labelled[0].get_position().x0 == pytest.approx(labelled[1].get_position().x0)
     assert labelled[0].get_position().x0 - seen.get_position().x1 > 0.5 / fig.get_figwidth()  # room for the names

@@ -1,0 +1,26 @@
+"""What a test run draws, on the page of a report."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from envpred.callbacks.pictures import Pictures
+from envpred.models import LastFrame
+from envpred.report import report
+from envpred.report.pictures import compared_scenes
+from envpred.report.runs import read_runs
+from tests.models.trainers import grids, trainer
+from tests.store.stores import write_store
+
+
+def test_velocities_of_a_test_run_reach_the_report(tmp_path: Path) -> None:
+    store = write_store(tmp_path / "grids", {"a": list(range(16))}, dogma=True)
+    data = grids(store, test=["a"], variant="prob_dogma")
+    run = trainer(tmp_path / "run", callbacks=[Pictures()])
+    run.test(LastFrame("prob_dogma", 3), datamodule=data, verbose=False)
+    page = report([tmp_path / "run"], tmp_path / "out").read_text()
+    captions = re.findall(r"<figcaption>last_frame \(prob_dogma\): (.*?)</figcaption>", page)
+    assert captions == [f"window {n} {kind}" for n in (0, 1) for kind in ("errors", "velocity")]
+    scene, _ = compared_scenes(read_runs([tmp_path / "run"]))
+    assert (scene.resolution, scene.period) == pytest.approx((1 / 3, 0.1))
