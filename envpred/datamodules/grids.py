@@ -26,7 +26,7 @@ from envpred.datamodules.windows import (
 from envpred.errors import UserError
 from envpred.horizons import PERIOD
 from envpred.mapping.geometry import GridSpec
-from envpred.store import StoredDrive, digest
+from envpred.store import Store, StoredDrive, digest
 
 AHEAD = 1.5  # seconds that windows reach beyond the frames shown, unless another length is asked for
 
@@ -265,9 +265,8 @@ class GridDataModule(LightningDataModule):
         argument = f"--data.{'test' if part == 'predict' else part}"
         if not selections:
             raise UserError(f"the split {self.split!r} leaves no drive to {part}; name some with {argument}")
-        for selection in selections:
-            for name in self._arrays():
-                selection.drive.array(name)  # an error here names the command that makes it
+        # What is read must be there, and made with what the store says; else a line names the command that mends it.
+        Store(self.store).check([selection.drive.name for selection in selections], self._arrays())
         if part == "train" or length < self.length:
             places = every_window(selections, length, self.stride)
         else:

@@ -34,8 +34,10 @@ def seen_of(mapper: Mapper, mapped: Sequence[Mapped], variant: Variant, needs: N
     missing = [name for name in (*variant.arrays, *needs.arrays) if name not in judged]
     if missing:
         raise UserError(f"the mapper makes no {', '.join(missing)}; give Mapper(velocities=...) or another forecaster")
+    origin = mapper.origin
+    assert origin is not None  # it follows from the first scan
     pose = np.stack([frame.pose for frame in mapped])
-    cells = mapper.grid.in_cells(pose[:, :2, 3], mapper.lattice_origin)
+    cells = mapper.grid.in_cells(pose[:, :2, 3], origin)
     time = np.array([frame.time for frame in mapped])
     body = mapper.body
     seen: Seen = {

@@ -10,7 +10,7 @@ from itertools import combinations
 from pathlib import Path
 
 from envpred.errors import UserError
-from envpred.store import Store, StoredDrive, digest
+from envpred.store import Store, StoredDrive
 
 # Drives that the paper's reference code names; it trains on all others.
 PAPER_VALIDATION = ("2011_09_26_drive_0005_sync", "2011_09_26_drive_0014_sync")
@@ -150,7 +150,7 @@ def usable_drives(folder: Path) -> dict[str, StoredDrive]:
     """The finished drives of a store.
 
     Raises:
-        UserError: if there are none, or some were built with other parameters than the store says.
+        UserError: if there are none, or they differ in their time base or cells.
     """
     store = Store(folder)
     drives = store.drives
@@ -158,11 +158,10 @@ def usable_drives(folder: Path) -> dict[str, StoredDrive]:
         unfinished = store.unfinished()
         hint = f" ({', '.join(unfinished)} unfinished)" if unfinished else ""
         raise UserError(f"{folder}: holds no finished drive{hint}; run `envpred grids --store {folder}`")
-    key = digest(store.parameters("mapping"))
-    stale = [name for name, drive in drives.items() if drive.manifest["groups"].get("mapping") != key]
-    if stale:
-        raise UserError(
-            f"{folder}: {', '.join(stale)} were built with other parameters than the store says; "
-            "run `envpred grids` again"
-        )
+    kinds: dict[str, str] = {}
+    for name, drive in drives.items():
+        kinds.setdefault(f"{drive.period:.4g} s between frames, cells of {drive.grid.resolution:.4g} m", name)
+    if len(kinds) > 1:
+        told = "; ".join(f"{name}: {kind}" for kind, name in kinds.items())
+        raise UserError(f"{folder}: its drives differ ({told}); keep each kind in a store of its own")
     return drives

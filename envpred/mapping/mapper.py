@@ -75,6 +75,8 @@ class Mapped(NamedTuple):
         context_label: (H', W') label codes of the wider grid with the same centre, where there is one.
         context_mass: (2, H', W') its evidence.
         obstacle: (N,) bool which of the scan's points are obstacles to the judged grid.
+        pose: (4, 4) of the body in the world, as it was given.
+        time: of the scan in seconds, as it was given.
     """
 
     label: Label
@@ -84,6 +86,8 @@ class Mapped(NamedTuple):
     context_label: Label | None
     context_mass: Mass | None
     obstacle: NDArray[np.bool_]
+    pose: FloatArray
+    time: float
 
 
 class _Evidence:
@@ -191,7 +195,7 @@ class Mapper:
         if self._filter is not None:
             measured = evidence.measured(label, self.parameters.evidence)
             velocities = self._filter.step(measured, centre_cell, pose[:2, 3])
-        return Mapped(label, mass, centre_cell, velocities, context_label, context_mass, obstacle)
+        return Mapped(label, mass, centre_cell, velocities, context_label, context_mass, obstacle, pose, time)
 
     def _shift(self, centre_cell: IntArray, time: float) -> IntArray:
         """How far (2,) the grids have moved since the scan before, in cells; resets after a gap."""

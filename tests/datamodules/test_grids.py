@@ -1,4 +1,6 @@
+import json
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -6,7 +8,8 @@ import pytest
 import torch
 from torch.utils.data import DataLoader
 
-from envpred.datamodules import GridDataModule
+from envpred.datamodules import GridDataModule, Needs
+from envpred.datamodules.selection import select
 from envpred.datamodules.variants import VARIANTS, variant
 from envpred.datamodules.windows import Draw, RandomWindows, windows_in_order
 from envpred.errors import UserError
@@ -175,8 +178,8 @@ def test_what_does_not_fit_is_refused(store: Path, options: dict[str, object], l
 def test_a_store_of_mixed_parameters_is_refused(store: Path) -> None:
     write_store(store.parent / "other", {"d": list(range(30))}, parameters={"cells": 16, "other": 1})
     (store.parent / "other" / "d").rename(store / "d")
-    with pytest.raises(UserError, match="d were built with other parameters"):
-        data(store).setup("fit")
+    with pytest.raises(UserError, match="the mapping grids of d were built with other parameters"):
+        data(store, test=["d"]).setup("test")
 
 
 @pytest.mark.parametrize(
@@ -218,6 +221,31 @@ def test_predictions_without_targets_are_of_the_drives_named_or_of_all(store: Pa
         module = data(store, test=test, predict="newest")
         module.setup("predict")
         assert [place.drive.name for place in module.datasets["predict"].places] == drives
+
+
+def test_drives_of_another_rate_are_refused(store: Path) -> None:
+    write_store(store, {"d": list(range(30))}, period=0.05)
+    with pytest.raises(UserError, match=r"its drives differ \(a: 0\.1 s between frames.*; d: 0\.05 s"):
+        data(store).setup("fit")
+
+
+@pytest.mark.parametrize("array", ["velocity", "context_label"])
+def test_arrays_of_other_parameters_are_refused(store: Path, array: str) -> None:
+    """Velocities and wide grids as well as the mapping: they would train silently."""
+    write_store(store, {"d": list(range(30))}, dogma=True, context=32)
+    write_store(store.parent / "other", {"e": list(range(30))}, dogma=True, context=32)
+    manifest = store.parent / "other" / "e" / "manifest.json"
+    told = json.loads(manifest.read_text())
+    group = told["arrays"][array]["group"]
+    told["groups"][group] = "0123456789abcdef"
+    manifest.write_text(json.dumps(told))
+    (store.parent / "other" / "e").rename(store / "e")
+    module = data(store, test=["d", "e"])
+    module.selected = {"test": select(["d", "e"], Store(store).drives)}
+    needs = Needs(arrays=("velocity",)) if array == "velocity" else Needs(context=True)
+    module.trainer = SimpleNamespace(lightning_module=SimpleNamespace(needs=needs))  # type: ignore[assignment]
+    with pytest.raises(UserError, match=f"the {group} grids of e were built with other parameters"):
+        module.setup("test")
 
 
 def test_an_unfinished_store_is_named(store: Path) -> None:
