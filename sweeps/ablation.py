@@ -18,6 +18,7 @@ from pathlib import Path
 
 import torch
 
+from envpred.cli.arguments import names_configuration
 from envpred.cli.shipped import shipped
 from envpred.datamodules import GridDataModule
 from envpred.datamodules.variants import VARIANTS
@@ -26,12 +27,13 @@ from envpred.report import report
 from envpred.store import Store
 from sweeps.runs import processes
 from sweeps.runs.command import run as command
-from sweeps.runs.job import Job
+from sweeps.runs.files import replace_text
 from sweeps.runs.trial import TrialFailedError
-from sweeps.study.best import BEST, replace_text
+from sweeps.study.best import BEST
 from sweeps.study.storage import told
 from sweeps.table import stores
 from sweeps.table.estimate import seconds, untrained
+from sweeps.table.job import Job
 from sweeps.table.plan import MAIN, SWITCHES, VELOCITIES, make_plan
 from sweeps.table.summary import SUMMARY, summary
 
@@ -65,7 +67,7 @@ def ablation(
         workers: runs at once, which share the processor's cores; small networks use one core best.
         dry_run: print the plan with an estimate of time, and end.
     """
-    if not any(option == "-c" or option.split("=", 1)[0] == "--config" for option in fit):
+    if not names_configuration(fit):
         fit = [f"--config={shipped(DEFAULT)}", *fit]
     best = {v: tuned / f"prednet_{v}" / BEST for v in variants if tuned and (tuned / f"prednet_{v}" / BEST).is_file()}
     if tuned is not None and not best:

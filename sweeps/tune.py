@@ -22,21 +22,23 @@ from typing import Any
 import optuna
 from torch.utils.tensorboard import SummaryWriter
 
-from envpred.cli.arguments import FitArguments
+from envpred.cli.arguments import FitArguments, names_configuration
 from envpred.datamodules import GridDataModule
 from envpred.errors import UserError
 from envpred.results.result import short_name
 from envpred.store import digest
 from sweeps.runs.cluster import on_cluster
 from sweeps.runs.command import run
+from sweeps.runs.files import replace_text
 from sweeps.runs.trial import Runner, TrialFailedError
 from sweeps.runs.trial import fit as fit_command
 from sweeps.study import sampling
-from sweeps.study.best import replace_text, table, write_best
+from sweeps.study.best import write_best
 from sweeps.study.pictures import draw
 from sweeps.study.sampling import PrunerName, SamplerName
 from sweeps.study.space import Space, read_space
 from sweeps.study.storage import JOURNAL, hidden, open_storage, told
+from sweeps.study.trials import TRIALS, trials_csv
 from sweeps.study.worker import ARGUMENTS, Worker, failed_with, open_study
 
 
@@ -100,7 +102,7 @@ def tune(
             Worker(study, kept, trials, objective, grace, max_failures, say=_say).work()
         place = hidden(storage) if storage else str(folder / JOURNAL)
         _say(f"best of {trials}: {write_best(study, base, identity, place, folder)}")
-        replace_text(folder / "trials.csv", table(study))
+        replace_text(folder / TRIALS, trials_csv(study))
         draw(study, folder)
 
 
@@ -143,7 +145,7 @@ def _configuration_hash(fit: FitArguments) -> str:
 
 def _configs(space: Space, fit: list[str]) -> list[str]:
     """The space's own configuration, unless others are given."""
-    if any(option == "-c" or option.split("=", 1)[0] == "--config" for option in fit):
+    if names_configuration(fit):
         return []
     if not space.config:
         raise UserError(f"{space.file}: names no configuration to start from; give --config configs/model/...")

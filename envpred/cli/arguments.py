@@ -1,16 +1,22 @@
-"""The arguments of `envpred fit`, read by its own parser: complete configurations, their names, and their mistakes."""
+"""The options of `envpred fit`, read by its own parser: complete configurations, their names, and their mistakes.
+
+Validate, test and predict take the same ones, so what is read here holds for them, too.
+"""
 
 import contextlib
 import difflib
 import io
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import yaml
 
 from envpred.cli.lightning import EnvpredCLI, lightning
 from envpred.errors import UserError
+
+# First parts of the names of its options: each is the name itself, or starts with it and a dot.
+OPTIONS = ("config", "seed_everything", "trainer", "model", "data", "predictions")
 
 
 class _ReadOnly(EnvpredCLI):
@@ -71,6 +77,27 @@ class FitArguments:
                 near = difflib.get_close_matches(name, self.values, 1, 0.5)
                 hint = f"; did you mean {near[0]}?" if near else "; `envpred fit --print_config` lists them all"
                 raise UserError(f"{where}: `envpred fit` takes no argument {name} with this model{hint}")
+
+
+def split_arguments(args: list[str], names: Sequence[str] = OPTIONS) -> tuple[list[str], list[str]]:
+    """Split a command line into what is none of `envpred fit`'s options, and those of them that `names` names.
+
+    `-c x.yaml` and `--config x.yaml` are both the option `config`; a value stays with the option before it.
+    """
+    others: list[str] = []
+    named: list[str] = []
+    target = others
+    for token in args:
+        if token.startswith("--") or token == "-c":
+            name = "config" if token == "-c" else token[2:].split("=", 1)[0].split(".", 1)[0].removesuffix("+")
+            target = named if name in names else others
+        target.append(token)
+    return others, named
+
+
+def names_configuration(args: list[str]) -> bool:
+    """Whether a command line says which configuration to start from."""
+    return bool(split_arguments(args, ("config",))[1])
 
 
 def as_options(arguments: Mapping[str, Any]) -> list[str]:

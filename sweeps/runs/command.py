@@ -1,4 +1,4 @@
-"""What the commands of this package share: their command line, and failures of one line."""
+"""What the commands of this package share: their command line, failures of one line, and what makes runs comparable."""
 
 import logging
 import signal
@@ -9,26 +9,11 @@ from typing import NoReturn
 
 from jsonargparse import ArgumentParser
 
+from envpred.cli.arguments import split_arguments
 from envpred.errors import UserError
 
-# The options of `envpred fit`, which a sweep hands on: each is the name itself or starts with it and a dot.
-FIT_OPTIONS = ("config", "model", "data", "trainer", "seed_everything")
-
-
-def split_arguments(args: list[str]) -> tuple[list[str], list[str]]:
-    """Split a command line into the sweep's own options and those of `envpred fit`.
-
-    `-c x.yaml` and `--config x.yaml` belong to `envpred fit`; a value stays with the option before it.
-    """
-    ours: list[str] = []
-    fit: list[str] = []
-    target = ours
-    for token in args:
-        if token.startswith("--") or token == "-c":
-            name = token.lstrip("-").split("=", 1)[0]
-            target = fit if token == "-c" or name.split(".", 1)[0].removesuffix("+") in FIT_OPTIONS else ours
-        target.append(token)
-    return ours, fit
+# Arguments of the data that decide which windows are judged; runs that differ here cannot be compared.
+FIXED = ("store", "variant", "split", "train", "val", "test", "length", "given", "val_windows")
 
 
 def run(function: Callable[..., None], args: list[str] | None) -> None:

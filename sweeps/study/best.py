@@ -1,15 +1,14 @@
 """`best.yaml`: the winning configuration, complete and ready for `envpred fit`, with where it comes from."""
 
-import os
 from collections.abc import Mapping
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
 
 import optuna
 
 from envpred.cli.arguments import FitArguments
 from envpred.results.result import revision
+from sweeps.runs.files import replace_text
 from sweeps.runs.trial import as_yaml
 from sweeps.study.worker import ARGUMENTS
 
@@ -44,32 +43,3 @@ def write_best(study: optuna.Study, fit: FitArguments, identity: Mapping[str, st
     found = "".join(f"#   {name}: {value}\n" for name, value in arguments.items())
     title = f"# The best configuration that sweeps.tune found; `envpred fit --config {BEST}` trains it again.\n"
     return replace_text(folder / BEST, f"{title}{header}# found:\n{found}{as_yaml(fit.complete(arguments))}")
-
-
-def replace_text(file: Path, text: str) -> Path:
-    """Replace `file` in one step, also where several workers do so at once; returns it."""
-    part = file.with_name(f".{file.name}-{os.getpid()}")
-    try:
-        part.write_text(text)
-        os.replace(part, file)
-    finally:
-        part.unlink(missing_ok=True)
-    return file
-
-
-def table(study: optuna.Study) -> str:
-    """All trials as CSV: number, state, error, reason, and every argument."""
-    trials = study.get_trials(deepcopy=False)
-    names = list(dict.fromkeys(name for trial in trials for name in trial.params))
-    rows: list[list[Any]] = [["trial", "state", "val_mse", "seconds", *names, "reason"]]
-    for trial in trials:
-        value = trial.value if trial.state == optuna.trial.TrialState.COMPLETE else ""
-        seconds = round(trial.duration.total_seconds(), 1) if trial.duration else ""
-        values = [trial.params.get(name, "") for name in names]
-        rows.append([trial.number, trial.state.name, value, seconds, *values, trial.user_attrs.get("reason", "")])
-    return "".join(",".join(_quoted(value) for value in row) + "\n" for row in rows)
-
-
-def _quoted(value: Any) -> str:
-    text = str(value)
-    return '"' + text.replace('"', '""') + '"' if set(text) & set(',"\n') else text

@@ -32,12 +32,11 @@ from envpred.cli.arguments import FitArguments
 from envpred.cli.shipped import shipped
 from envpred.errors import UserError
 from envpred.store import digest
+from sweeps.runs.command import FIXED
 
 CONFIG = "config"
 KEYS = ("type", "low", "high", "log", "step", "choices", "list", "when")
 NUMBERS = {"float": float, "int": int}
-# What decides the windows that are judged, and where a run writes; trials that differ here cannot be compared.
-FIXED = ("store", "variant", "split", "train", "val", "test", "length", "given", "val_windows")
 
 
 @dataclass(frozen=True)

@@ -5,10 +5,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from envpred.cli.arguments import FitArguments, as_options
+from envpred.cli.arguments import FitArguments, as_options, split_arguments
 from envpred.datamodules.variants import VARIANTS
 from envpred.errors import UserError
-from sweeps.study.space import FIXED
+from sweeps.runs.command import FIXED
 
 MAIN = "main"  # the store that the user gave
 STATIC, DYNAMIC = "dst_static", "dst_dogma"
@@ -178,13 +178,5 @@ def _seeded(variant: str, seed: int) -> tuple[str, ...]:
 
 def _judged(fit: list[str], config: Mapping[str, Any]) -> list[str]:
     """What decides the windows that are judged, of a complete configuration, and the trainer's options of `fit`."""
-    kept: list[str] = []
-    keep = False
-    for token in fit:
-        if token.startswith("-"):
-            keep = token.startswith("--trainer.")
-        if keep:
-            kept.append(token)
-    return kept + as_options(
-        {f"data.{name}": config["data"][name] for name in FIXED if name not in ("store", "variant")}
-    )
+    windows = {f"data.{name}": config["data"][name] for name in FIXED if name not in ("store", "variant")}
+    return split_arguments(fit, ("trainer",))[1] + as_options(windows)

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from envpred.report.runs import read_run
-from sweeps.runs.job import SECONDS, Job
+from sweeps.table.job import SECONDS, Job
 from sweeps.table.plan import SWITCHES
 
 SUMMARY = "sweep.md"

@@ -3,10 +3,8 @@
 import pytest
 import yaml
 
-from envpred.cli.arguments import FitArguments, as_options
+from envpred.cli.arguments import OPTIONS, FitArguments, as_options, names_configuration, split_arguments
 from envpred.errors import UserError
-from sweeps.runs.command import split_arguments
-from sweeps.runs.trial import as_yaml
 
 
 def test_a_complete_configuration_spells_every_default_out(fit: FitArguments) -> None:
@@ -20,7 +18,7 @@ def test_a_complete_configuration_spells_every_default_out(fit: FitArguments) ->
 def test_a_configuration_read_again_is_the_same(fit: FitArguments, tmp_path_factory: pytest.TempPathFactory) -> None:
     config = fit.complete({"model.t5_lr": 3e-7, "trainer.gradient_clip_val": None})
     file = tmp_path_factory.mktemp("config") / "trial.yaml"
-    file.write_text(as_yaml(config))
+    file.write_text(yaml.safe_dump(config))
     assert FitArguments([f"--config={file}"]).base == config == yaml.safe_load(file.read_text())
 
 
@@ -41,8 +39,19 @@ def test_a_mistake_of_the_base_is_one_line(fit: FitArguments) -> None:
     assert "usage" not in str(error.value)
 
 
-def test_fits_options_are_told_from_ours() -> None:
+def test_fits_options_are_told_from_others() -> None:
     ours = ["--trials", "4", "--variant", "dst", "--seed=1"]
-    fit = ["--config", "a.yaml", "-c", "b.yaml", "--data.samples=5", "--model.channels", "[4,4]"]
-    more = ["--seed_everything", "2", "--trainer.callbacks+=X"]
+    fit = ["--config", "a.yaml", "-c", "b.yaml", "--data.samples=5", "--model.channels", "[4,4]", "--model", "FCN"]
+    more = ["--seed_everything", "2", "--trainer.callbacks+=X", "--predictions.dtype", "float32"]
     assert split_arguments([*ours[:2], *fit, *ours[2:], *more]) == (ours, [*fit, *more])
+    assert split_arguments([*fit, *more], ("trainer", "data"))[1] == ["--data.samples=5", "--trainer.callbacks+=X"]
+
+
+def test_every_option_of_fit_is_known_as_one(fit: FitArguments) -> None:
+    assert set(OPTIONS) == {"config", *fit.base}
+
+
+def test_a_configuration_is_named_in_any_spelling() -> None:
+    assert all(names_configuration([*option, "--data.seed=1"]) for option in (["-c", "a"], ["--config", "a"]))
+    assert names_configuration(["--config=a"])
+    assert not names_configuration(["--data.config=a", "--configs", "a"])

@@ -9,8 +9,8 @@ from envpred.callbacks.pictures import Pictures
 from envpred.cli import main as envpred
 from envpred.results.result import RESULT
 from sweeps.ablation import main
-from sweeps.runs.job import CONFIG, Job
 from sweeps.runs.trial import TrialFailedError, logged_to
+from sweeps.table.job import CONFIG, Job
 from tests.store.stores import write_store
 from tests.sweeps.conftest import SMALL
 

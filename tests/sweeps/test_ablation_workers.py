@@ -10,8 +10,8 @@ import pytest
 from envpred.errors import UserError
 from sweeps.ablation import _outcomes, _threads
 from sweeps.runs import processes
-from sweeps.runs.job import Job
 from sweeps.runs.trial import TrialFailedError
+from sweeps.table.job import Job
 from sweeps.table.plan import Run
 
 

@@ -135,8 +135,8 @@ def test_another_filter_is_all_that_differs(tmp_path: Path) -> None:
         assert found.parameters("dogma") == given | {"filter": given["filter"] | changes}
         for name, drive in found.drives.items():
             ours, theirs = drive.manifest, before.drives[name].manifest
-            assert {k: ours[k] for k in ("frames", "runs", "lattice")} == {
-                k: theirs[k] for k in ("frames", "runs", "lattice")
+            assert {k: ours[k] for k in ("frames", "stretches", "lattice")} == {
+                k: theirs[k] for k in ("frames", "stretches", "lattice")
             }
             assert ours["arrays"]["evidence"]["checksum"] == theirs["arrays"]["evidence"]["checksum"]
             assert ours["arrays"]["velocity"]["checksum"] != theirs["arrays"]["velocity"]["checksum"]

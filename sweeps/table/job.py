@@ -14,9 +14,9 @@ from envpred.errors import UserError
 from envpred.results.result import RESULT
 from envpred.store import digest
 from sweeps.runs import processes
+from sweeps.runs.files import replace_text
 from sweeps.runs.progress import BEST
 from sweeps.runs.trial import as_yaml, failure, logged_to
-from sweeps.study.best import replace_text
 from sweeps.table.plan import Run
 
 CONFIG, TRAINED, SECONDS = "run.yaml", ".trained", "seconds.json"
