@@ -12,11 +12,18 @@ PACKAGE = Path(envpred.__file__).parent
 # What each room may import of ours.
 ALLOWED = {
     "mapping": {
+        "mapping.ego_motion",
+        "mapping.evidence",
         "mapping.geometry",
         "mapping.matching",
         "mapping.particles",
         "mapping.particle_state",
         "mapping.particle_forecast",
+        "mapping.measurement",
+        "mapping.movers",
+        "mapping.rays",
+        "mapping.rollout",
+        "mapping.world",
         "errors",
     },
     "networks": {"networks", "errors"},
@@ -45,6 +52,7 @@ ALLOWED = {
         "results",
         "horizons",
         "errors",
+        "mapping.ego_motion",
         "mapping.particle_forecast",
     },
 }
