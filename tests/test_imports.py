@@ -15,6 +15,7 @@ ALLOWED = {
         "mapping.ego_motion",
         "mapping.evidence",
         "mapping.geometry",
+        "mapping.hit_rates",
         "mapping.matching",
         "mapping.particles",
         "mapping.particle_state",

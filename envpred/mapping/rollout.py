@@ -14,7 +14,7 @@ Rendering from the future sensor was proposed for point clouds by Khurana et al.
 """
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -25,6 +25,7 @@ from envpred.mapping.evidence import PAPER, EvidenceParameters, Mass
 from envpred.mapping.geometry import EGO, EGO_FRONT, EGO_HALF_WIDTH, EGO_REAR, FREE, OCCUPIED, FloatArray, GridSpec
 from envpred.mapping.measurement import roll
 from envpred.mapping.movers import Grids, Moved, Movers, carried_on
+from envpred.mapping.world import World
 
 CHUNKS = (
     4  # parts that the futures are summed in: the sum's order, and so its bits, are the same on any number of threads
@@ -49,6 +50,9 @@ class Rollout:
         evidence: masses of a measurement, and how fast they fade.
         period: seconds between frames.
         least: a ray ends where its transmittance falls below this.
+        clump: how much of what may be hit in one of many cells is the same thing, see `measurement`; 0 if nothing is.
+        remembered: share of the last frame itself in the forecast where the ego stands: what is measured again from
+            the same place and what was measured there err apart, so that their mean is better than either.
         beyond: probability of a hit in cells beyond the context; None refuses a motion that leaves the context.
     """
 
@@ -59,6 +63,8 @@ class Rollout:
     evidence: EvidenceParameters = PAPER
     period: float = 0.1
     least: float = 0.02
+    clump: float = 0.05
+    remembered: float = 0.7
     beyond: float | None = None
 
     def __post_init__(self) -> None:
@@ -71,7 +77,7 @@ class Rollout:
     def expected(
         self,
         mass: Mass,
-        hit: Grids,
+        world: World,
         centre_cell: NDArray[np.integer],
         futures: FloatArray,
         movers: Movers | None = None,
@@ -85,8 +91,7 @@ class Rollout:
 
         Args:
             mass: (2, H, W) posterior masses of the last frame shown.
-            hit: (W, W), or (N, W, W) one a horizon, probability of a hit in the context grid of the last frame shown,
-                on its lattice.
+            world: what scans meet, in the context grid of the last frame shown.
             centre_cell: (2,) lattice cell at the centre of that frame's grids.
             futures: (K, N, 3) poses of the ego, in cells and radians, one a frame, equally likely.
             movers: what moves on its own.
@@ -96,7 +101,7 @@ class Rollout:
         Raises:
             UserError: if the context is smaller than the grid, or a future leaves it.
         """
-        world, base = self._checked(mass, hit, centre_cell, futures)
+        scene, base = self._checked(mass, world, centre_cell, futures)
         distinct, weights = _distinct(futures, draws)
         parts = [range(n, len(distinct), CHUNKS) for n in range(min(CHUNKS, len(distinct)))]
         sums = np.zeros((len(parts), futures.shape[1], *mass.shape[1:]), np.float32)
@@ -104,7 +109,7 @@ class Rollout:
         def part(n: int) -> None:
             for k in parts[n]:
                 moved = self._carried_on(movers, draws, distinct[k], futures.shape[1])
-                self._roll(sums[n], mass, world, base, centre_cell, futures[distinct[k]], weights[k], moved)
+                self._roll(sums[n], mass, scene, base, centre_cell, futures[distinct[k]], weights[k], moved)
 
         list(mapper(part, range(len(parts))))
         forecast: Grids = sums.sum(axis=0)
@@ -113,7 +118,7 @@ class Rollout:
     def samples(
         self,
         mass: Mass,
-        hit: Grids,
+        world: World,
         centre_cell: NDArray[np.integer],
         futures: FloatArray,
         generator: np.random.Generator,
@@ -125,33 +130,31 @@ class Rollout:
 
         Args, Raises: as `expected`; `generator` draws the hits.
         """
-        world, base = self._checked(mass, hit, centre_cell, futures)
+        scene, base = self._checked(mass, world, centre_cell, futures)
         K, N, _ = futures.shape
         drawn = np.zeros((K, N, *mass.shape[1:]), np.float32)
         seeds = generator.integers(1, 1 << 63, size=K).tolist()
 
         def sample(k: int) -> None:
             moved = self._carried_on(movers, draws, k, N)
-            self._roll(drawn[k], mass, world, base, centre_cell, futures[k], 1.0, moved, seeds[k])
+            self._roll(drawn[k], mass, scene, base, centre_cell, futures[k], 1.0, moved, seeds[k])
 
         list(mapper(sample, range(K)))
         return drawn
 
     def _checked(
-        self, mass: Mass, hit: Grids, centre_cell: NDArray[np.integer], futures: FloatArray
-    ) -> tuple[Grids, NDArray[np.int64]]:
-        """The world (1 or N, W, W), with a rim where futures leave it, and the lattice cell of its corner."""
+        self, mass: Mass, world: World, centre_cell: NDArray[np.integer], futures: FloatArray
+    ) -> tuple[World, NDArray[np.int64]]:
+        """The world, with a rim where futures leave it, and the lattice cell of its south-west corner."""
         cells, half = self.grid.cells, self.grid.half
         if futures.ndim != 3 or futures.shape[2] != 3:
             raise ValueError(f"futures (K, N, 3) expected, not {futures.shape}")
         if mass.shape != (2, cells, cells):
             raise ValueError(f"masses (2, {cells}, {cells}) expected, not {mass.shape}")
-        world = np.ascontiguousarray(hit if hit.ndim == 3 else hit[None], np.float32)
-        S, W = len(world), world.shape[-1]
-        if world.shape[1] != W or W % 2 or S not in (1, futures.shape[1]):
-            raise ValueError(
-                f"a square context, one for all or one for each of {futures.shape[1]} horizons: {hit.shape}"
-            )
+        W = world.hit.shape[-1]
+        for grids in (world.hit, world.hit if world.seen is None else world.seen):
+            if grids.shape not in ((1, W, W), (futures.shape[1], W, W)) or W % 2:
+                raise ValueError(f"square contexts (1 or {futures.shape[1]}, W, W) expected, not {grids.shape}")
         if cells > W:
             raise UserError(f"the context of {W} cells is smaller than the judged grid of {cells}; build a wider one")
         centres = np.floor(futures[..., :2] + 0.5)
@@ -167,14 +170,16 @@ class Rollout:
                     f"{futures.shape[1] * self.period:.1f} s; give a context of {W + 2 * short} cells, or `beyond`"
                 )
             rim = ((0, 0), (short, short), (short, short))
-            world, base = np.pad(world, rim, constant_values=np.float32(self.beyond)), base - short
+            hit = np.pad(world.hit, rim, constant_values=np.float32(self.beyond))
+            seen = None if world.seen is None else np.pad(world.seen, rim)
+            world, base = replace(world, hit=hit, seen=seen), base - short
         return world, base
 
     def _roll(
         self,
         out: Grids,
         mass: Mass,
-        world: Grids,
+        world: World,
         base: NDArray[np.int64],
         centre_cell: NDArray[np.integer],
         future: FloatArray,
@@ -185,10 +190,18 @@ class Rollout:
         """Add `weight` times the forecast of one future to `out` (N, H, W); hits are drawn if there is a `seed`."""
         table = self.evidence.table()
         masses = table[OCCUPIED, 0], table[FREE, 1], table[EGO, 0], np.float32(self.evidence.discount)
+        hit = np.ascontiguousarray(world.hit, np.float32)
+        seen, share = hit, np.zeros(len(future), np.float32)
+        if world.seen is not None:
+            seen = np.ascontiguousarray(world.seen, np.float32)
+            moved_off = np.linalg.norm(future[:, :2] - world.place, axis=1) * self.grid.resolution
+            share = np.exp(-((moved_off / world.near) ** 2)).astype(np.float32)
+            share[share < 0.01] = 0
         start = int(centre_cell[0]), int(centre_cell[1])
         place = (*self.sensor, self.sensor_heading, self.grid.resolution)
-        least, share = np.float32(self.least), np.float32(weight)
-        roll(out, mass, world, base, start, future, share, place, self.body, masses, least, *moved, np.uint64(seed))
+        reals = (np.float32(v) for v in (self.least, self.clump, self.remembered, weight))
+        numbers = (*reals, np.uint64(seed))
+        roll(out, mass, hit, seen, share, base, start, future, place, self.body, masses, numbers, *moved)
 
     def _carried_on(self, movers: Movers | None, draws: FloatArray | None, k: int, horizons: int) -> Moved:
         """Where the movers of future `k` are."""

@@ -5,9 +5,10 @@ import pytest
 from numpy.typing import NDArray
 
 from envpred.mapping.evidence import accumulate, pignistic
-from envpred.mapping.geometry import OCCUPIED, FloatArray, GridSpec
+from envpred.mapping.geometry import FloatArray, GridSpec
 from envpred.mapping.label_grid import RayCasting
 from envpred.mapping.rollout import Rollout
+from envpred.mapping.world import label_world
 
 SPEC = GridSpec(64)
 CONTEXT = 128
@@ -49,7 +50,7 @@ def test_a_static_world_is_measured_as_the_mapping_measures_it(turn: float, seed
     labels, centres = measured(obstacles, poses, SPEC)
     mass = accumulate(labels, centres)
     wide, _ = measured(obstacles, poses[4:5], GridSpec(CONTEXT))
-    world = (wide[0] == OCCUPIED).astype(np.float32)
+    world = label_world(wide[0], 1.0)
     found = Rollout(SENSOR, grid=SPEC).expected(mass[4], world, centres[4], poses[None, 5:])
     assert np.abs(found - pignistic(mass[5:])).max() < 2e-6
     drawn = Rollout(SENSOR, grid=SPEC).samples(mass[4], world, centres[4], poses[None, 5:], random)
