@@ -104,28 +104,42 @@ def pignistic(mass: NDArray[np.floating]) -> NDArray[np.float32]:
     return np.asarray(0.5 * mass[..., 0, :, :] + 0.5 * (1 - mass[..., 1, :, :]), np.float32)
 
 
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")  # type: ignore[untyped-decorator, unused-ignore]
+def aged(occupied, free, alpha):  # type: ignore[no-untyped-def]
+    """Masses of one cell a frame later: both caps take the masses before aging, so that m(O) + m(F) <= 1 stays true."""
+    one = np.float32(1)
+    return min(alpha * occupied, one - free), min(alpha * free, one - occupied)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")  # type: ignore[untyped-decorator, unused-ignore]
+def combined(occupied, free, seen_occupied, seen_free):  # type: ignore[no-untyped-def]
+    """Dempster's rule of combination for one cell: masses of the past and those just measured.
+
+    What agrees adds up to 1 - K, with K the mass in conflict; summed like this, and not from K, no mass leaves [0, 1]
+    by rounding.
+    """
+    one, zero = np.float32(1), np.float32(0)
+    unknown = max(one - occupied - free, zero)
+    seen_unknown = one - seen_occupied - seen_free
+    agreed_occupied = occupied * seen_unknown + unknown * seen_occupied + occupied * seen_occupied
+    agreed_free = free * seen_unknown + unknown * seen_free + free * seen_free
+    agreed = agreed_occupied + agreed_free + unknown * seen_unknown
+    # Certainty against certainty: the rule has no answer, and the newer one stands.
+    certain = agreed > 0
+    return (
+        agreed_occupied / agreed if certain else seen_occupied,
+        agreed_free / agreed if certain else seen_free,
+    )
+
+
 @njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
 def _fuse(posterior, prior, label, shift_i, shift_j, table, alpha):  # type: ignore[no-untyped-def]
-    one, zero = np.float32(1), np.float32(0)
     H, W = label.shape
     for i in range(H):
         for j in range(W):
-            occupied, free = zero, zero
+            occupied, free = np.float32(0), np.float32(0)
             si, sj = i + shift_i, j + shift_j
             if 0 <= si < H and 0 <= sj < W:
-                old_occupied, old_free = prior[0, si, sj], prior[1, si, sj]
-                # Aging: both caps take the masses before aging, so that m(O) + m(F) <= 1 stays true.
-                occupied = min(alpha * old_occupied, one - old_free)
-                free = min(alpha * old_free, one - old_occupied)
-            unknown = max(one - occupied - free, zero)
-            seen_occupied, seen_free = table[label[i, j], 0], table[label[i, j], 1]
-            seen_unknown = one - seen_occupied - seen_free
-            # Dempster's rule of combination.  What agrees adds up to 1 - K, with K the mass in conflict; summed like
-            # this, and not from K, no mass leaves [0, 1] by rounding.
-            agreed_occupied = occupied * seen_unknown + unknown * seen_occupied + occupied * seen_occupied
-            agreed_free = free * seen_unknown + unknown * seen_free + free * seen_free
-            agreed = agreed_occupied + agreed_free + unknown * seen_unknown
-            if agreed > 0:
-                posterior[0, i, j], posterior[1, i, j] = agreed_occupied / agreed, agreed_free / agreed
-            else:  # certainty against certainty, where the rule has no answer: the newer one stands
-                posterior[0, i, j], posterior[1, i, j] = seen_occupied, seen_free
+                occupied, free = aged(prior[0, si, sj], prior[1, si, sj], alpha)
+            seen = label[i, j]
+            posterior[0, i, j], posterior[1, i, j] = combined(occupied, free, table[seen, 0], table[seen, 1])

@@ -17,6 +17,7 @@ from envpred.mapping.geometry import (
     IntArray,
     heading_of,
 )
+from envpred.mapping.rays import border_cell, first_cell, mark_ego, next_cell
 
 
 @dataclass(frozen=True)
@@ -68,8 +69,8 @@ class RayCasting:
         )
         _mark_occupied(grid, points, obstacle, rotation, shift, box, self.nearest / spec.resolution)
         _cast_rays(grid, shift[0], shift[1])
-        ego = body.rear, body.front, body.half_width
-        _mark_ego(grid, shift, float(heading_of(sensor_pose)), ego, spec.resolution)
+        heading, ego = float(heading_of(sensor_pose)), (body.rear, body.front, body.half_width)
+        mark_ego(grid, shift[0], shift[1], heading, ego, spec.resolution, EGO)
         return grid
 
 
@@ -97,49 +98,13 @@ def _mark_occupied(grid, points, obstacle, rotation, shift, box, nearest):  # ty
 @njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
 def _cast_rays(grid, x, y):  # type: ignore[no-untyped-def]
     """Free the cells between the sensor at (x, y), in cells, and the first occupied cell towards every border cell."""
-    last_i, last_j = grid.shape[0] - 1, grid.shape[1] - 1
-    for i in range(last_i + 1):
-        _cast_ray(grid, x, y, i, 0)
-        _cast_ray(grid, x, y, i, last_j)
-    for j in range(1, last_j):
-        _cast_ray(grid, x, y, 0, j)
-        _cast_ray(grid, x, y, last_i, j)
-
-
-@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
-def _cast_ray(grid, x, y, target_i, target_j):  # type: ignore[no-untyped-def]
-    """Walk the cells on one line (Amanatides and Woo 1987) and free them up to the first occupied one."""
-    i, j = int(np.floor(x + 0.5)), int(np.floor(y + 0.5))
-    dx, dy = target_i - x, target_j - y
-    step_i, step_j = (1 if dx > 0 else -1), (1 if dy > 0 else -1)
-    # Position along the line, 0 at the sensor and 1 at the target, where it next crosses a cell's side.
-    cross_i = (i + 0.5 * step_i - x) / dx if dx != 0 else np.inf
-    cross_j = (j + 0.5 * step_j - y) / dy if dy != 0 else np.inf
-    per_i = abs(1 / dx) if dx != 0 else np.inf
-    per_j = abs(1 / dy) if dy != 0 else np.inf
-    for _ in range(abs(target_i - i) + abs(target_j - j) + 1):
-        if 0 <= i < grid.shape[0] and 0 <= j < grid.shape[1]:
-            if grid[i, j] == OCCUPIED:
-                return
-            grid[i, j] = FREE
-        if cross_i < cross_j:
-            i += step_i
-            cross_i += per_i
-        else:
-            j += step_j
-            cross_j += per_j
-
-
-@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
-def _mark_ego(grid, sensor, heading, ego, resolution):  # type: ignore[no-untyped-def]
-    """Cells whose centre lies within one cell of the ego's body, seen from the sensor, belong to the ego."""
-    cos, sin = np.cos(heading), np.sin(heading)
-    rear, front, half_width = ego
-    reach = int(np.ceil((max(front, -rear) + half_width) / resolution)) + 2
-    ci, cj = int(np.rint(sensor[0])), int(np.rint(sensor[1]))
-    for i in range(max(ci - reach, 0), min(ci + reach + 1, grid.shape[0])):
-        for j in range(max(cj - reach, 0), min(cj + reach + 1, grid.shape[1])):
-            east, north = (i - sensor[0]) * resolution, (j - sensor[1]) * resolution
-            forward, left = cos * east + sin * north, cos * north - sin * east
-            if rear - resolution <= forward <= front + resolution and abs(left) <= half_width + resolution:
-                grid[i, j] = EGO
+    H, W = grid.shape
+    for n in range(2 * (H + W) - 4):
+        target_i, target_j = border_cell(n, H, W)
+        i, j, cells, step_i, step_j, cross_i, cross_j, per_i, per_j = first_cell(x, y, target_i, target_j)
+        for _ in range(cells):
+            if 0 <= i < H and 0 <= j < W:
+                if grid[i, j] == OCCUPIED:
+                    break
+                grid[i, j] = FREE
+            i, j, cross_i, cross_j = next_cell(i, j, step_i, step_j, cross_i, cross_j, per_i, per_j)

@@ -6,6 +6,7 @@ import torch
 from torch import Tensor
 
 from envpred.datamodules import Forecast, Needs, Seen
+from envpred.mapping.ego_motion import extrapolate
 from envpred.mapping.particle_forecast import HORIZONS
 from envpred.models.forecaster import Forecaster
 
@@ -93,28 +94,6 @@ class MovedLastFrameOracle(_Moved):
 
     def centres(self, seen: Seen, horizons: int) -> Tensor:
         return seen["future_centre_cell"][:, :horizons]
-
-
-def extrapolate(poses: Tensor, steps: int) -> Tensor:
-    """Poses (B, steps, 3) after `poses` (B, T, 3), x, y and heading, at constant turn rate and speed in the body frame.
-
-    A single pose shown is taken to stand still.
-    """
-    B, T, _ = poses.shape
-    if T == 1:
-        return poses.expand(B, steps, 3)
-    turn = torch.remainder(poses[:, 1:, 2] - poses[:, :-1, 2] + torch.pi, 2 * torch.pi) - torch.pi
-    middle = poses[:, :-1, 2] + turn / 2  # a step of a turn points along its chord
-    moved = poses[:, 1:, :2] - poses[:, :-1, :2]
-    forward = (moved[..., 0] * middle.cos() + moved[..., 1] * middle.sin()).mean(dim=1)
-    left = (moved[..., 1] * middle.cos() - moved[..., 0] * middle.sin()).mean(dim=1)
-    rate = turn.mean(dim=1)
-    k = torch.arange(1, steps + 1, dtype=poses.dtype, device=poses.device)
-    heading = poses[:, -1:, 2] + rate[:, None] * k
-    middle = heading - rate[:, None] / 2
-    x = forward[:, None] * middle.cos() - left[:, None] * middle.sin()
-    y = forward[:, None] * middle.sin() + left[:, None] * middle.cos()
-    return torch.stack([poses[:, -1:, 0] + x.cumsum(1), poses[:, -1:, 1] + y.cumsum(1), heading], dim=-1)
 
 
 def _move(grid: Tensor, shifts: Tensor, fill: Tensor) -> Tensor:

@@ -9,7 +9,6 @@ import torch
 from envpred.datamodules import Seen
 from envpred.errors import UserError
 from envpred.models import FCNForecaster, MovedLastFrame, MovedLastFrameOracle
-from envpred.models.baselines import extrapolate
 from envpred.results.result import RESULT
 from tests.models.trainers import grids, seen, trainer
 
@@ -40,23 +39,6 @@ def test_a_world_at_rest_is_forecast_exactly_but_for_what_enters() -> None:
 def test_a_grid_that_leaves_entirely_is_all_fill() -> None:
     model = MovedLastFrameOracle(given=1, fill=0.25)
     assert (model.forecast(shown([[0, 0], [50, 0]], torch.rand(2, 8, 8), 1), 1).probability == 0.25).all()
-
-
-@pytest.mark.parametrize("rate", [0.0, 0.02, -0.3])
-def test_constant_speed_and_turn_rate_are_continued_exactly(rate: float) -> None:
-    """A drive on a circle, its heading passing through pi: the chord of each step is turned with it."""
-    headings = 3.0 + rate * np.arange(20)
-    chords = np.exp(1j * (headings[:-1] + rate / 2)) * 2.5
-    places = np.concatenate([[0], np.cumsum(chords)])
-    wrapped = np.angle(np.exp(1j * headings))
-    poses = torch.from_numpy(np.stack([places.real, places.imag, wrapped], axis=1))[None]
-    found = extrapolate(poses[:, :5], 15)
-    torch.testing.assert_close(found[..., :2], poses[:, 5:, :2])
-
-
-def test_one_pose_stands_still() -> None:
-    pose = torch.tensor([[[1.0, 2.0, 3.0]]])
-    torch.testing.assert_close(extrapolate(pose, 4), pose.expand(1, 4, 3))
 
 
 def test_entering_cells_get_the_training_mean(store: Path, tmp_path: Path) -> None:

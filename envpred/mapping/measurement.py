@@ -1,0 +1,162 @@
+"""One future measured step by step: window of the world, movers, rays, ego, aging and fusion, compiled.
+
+`rollout` says what is computed and why; here each step is a loop over cells.
+"""
+
+import numpy as np
+from numba import njit
+
+from envpred.mapping.evidence import aged, combined
+from envpred.mapping.rays import border_cell, first_cell, mark_ego, next_cell
+
+
+@njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[untyped-decorator, unused-ignore]
+def roll(out, mass, world, seen, share, base, start, future, place, body, masses, numbers, cells, moved_hit):  # type: ignore[no-untyped-def]
+    """The steps of one future: see `Rollout.expected`; with a `seed` hits are drawn instead of expected."""
+    forward, left, turn, resolution = place
+    least, clump, remembered, weight, seed = numbers
+    _, H, W = mass.shape
+    half_i, half_j = H // 2, W // 2
+    now, prior = mass.copy(), np.empty_like(mass)
+    hit, opaque, passed = np.empty((H, W), np.float32), np.empty((H, W), np.float32), np.empty((H, W), np.float32)
+    last_i, last_j = start
+    for h in range(len(future)):
+        x, y, heading = future[h]
+        ci, cj = int(np.floor(x + 0.5)), int(np.floor(y + 0.5))
+        corner_i, corner_j = ci - half_i, cj - half_j
+        _window(hit, world[h if len(world) > 1 else 0], corner_i - base[0], corner_j - base[1])
+        _add_movers(hit, cells[h], moved_hit[h], corner_i, corner_j)
+        _stop(opaque, hit, clump)
+        if seed:
+            seed = _draw(hit, opaque, seed)
+        cos, sin = np.cos(heading), np.sin(heading)
+        sensor_x = x + (forward * cos - left * sin) / resolution - corner_i
+        sensor_y = y + (forward * sin + left * cos) / resolution - corner_j
+        _cast_rays(passed, opaque, sensor_x, sensor_y, least)
+        if share[h] > 0:
+            _see_again(passed, seen[h if len(seen) > 1 else 0], share[h], corner_i - base[0], corner_j - base[1])
+        mark_ego(passed, sensor_x, sensor_y, heading + turn, body, resolution, np.float32(-1))
+        _age(prior, now, ci - last_i, cj - last_j, masses[3])
+        _measure(now, prior, hit, passed, masses, out[h], weight)
+        if share[h] > 0:
+            _remember(out[h], now, mass, ci - start[0], cj - start[1], weight * remembered * share[h] * share[h])
+        last_i, last_j = ci, cj
+
+
+@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
+def _window(hit, world, corner_i, corner_j):  # type: ignore[no-untyped-def]
+    """The part of the world that the judged grid covers."""
+    H, W = hit.shape
+    for i in range(H):
+        for j in range(W):
+            hit[i, j] = world[corner_i + i, corner_j + j]
+
+
+@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
+def _add_movers(hit, cells, moved_hit, corner_i, corner_j):  # type: ignore[no-untyped-def]
+    """Movers are where they have come to: the likelier of two hits stands."""
+    for n in range(len(cells)):
+        i, j = cells[n, 0] - corner_i, cells[n, 1] - corner_j
+        if 0 <= i < hit.shape[0] and 0 <= j < hit.shape[1]:
+            hit[i, j] = max(hit[i, j], moved_hit[n])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[untyped-decorator, unused-ignore]
+def _stop(opaque, hit, clump):  # type: ignore[no-untyped-def]
+    """Probability that a cell stops a ray: q^2 / (q + c (1 - q)).
+
+    What may be hit in one of many cells stops a ray once; were the cells independent, it would be stopped in each.
+    """
+    one = np.float32(1)
+    for i in range(hit.shape[0]):
+        for j in range(hit.shape[1]):
+            q = hit[i, j]
+            some = q + clump * (one - q)
+            opaque[i, j] = q * q / some if some > 0 else q
+
+
+@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
+def _draw(hit, opaque, seed):  # type: ignore[no-untyped-def]
+    """Draw each cell's hit, and whether it stops rays (SplitMix64, Steele et al. 2014); returns the new state."""
+    zero, one = np.float32(0), np.float32(1)
+    for i in range(hit.shape[0]):
+        for j in range(hit.shape[1]):
+            seed += np.uint64(0x9E3779B97F4A7C15)
+            z = seed
+            z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+            z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+            z ^= z >> np.uint64(31)
+            uniform = np.float32(z >> np.uint64(40)) * np.float32(2.0**-24)
+            hit[i, j] = one if uniform < hit[i, j] else zero
+            opaque[i, j] = one if uniform < opaque[i, j] else zero
+    return seed
+
+
+@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
+def _see_again(passed, seen, share, corner_i, corner_j):  # type: ignore[no-untyped-def]
+    """Near where the frames shown were taken, a share of what is seen is what was seen from there."""
+    H, W = passed.shape
+    for i in range(H):
+        for j in range(W):
+            passed[i, j] += share * (seen[corner_i + i, corner_j + j] - passed[i, j])
+
+
+@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
+def _cast_rays(passed, opaque, x, y, least):  # type: ignore[no-untyped-def]
+    """Transmittance of every cell, the largest over the rays from the sensor at (x, y), in cells, to the border."""
+    H, W = opaque.shape
+    passed[:] = 0
+    for n in range(2 * (H + W) - 4):
+        target_i, target_j = border_cell(n, H, W)
+        i, j, steps, step_i, step_j, cross_i, cross_j, per_i, per_j = first_cell(x, y, target_i, target_j)
+        through = np.float32(1)
+        for _ in range(steps):
+            if 0 <= i < H and 0 <= j < W:
+                passed[i, j] = max(passed[i, j], through)
+                through *= np.float32(1) - opaque[i, j]
+                if through < least:
+                    break
+            i, j, cross_i, cross_j = next_cell(i, j, step_i, step_j, cross_i, cross_j, per_i, per_j)
+
+
+@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
+def _age(prior, now, shift_i, shift_j, alpha):  # type: ignore[no-untyped-def]
+    """The masses of the frame before, aged, on the present grid; cells that enter carry none."""
+    _, H, W = now.shape
+    prior[:] = 0
+    for i in range(max(0, -shift_i), min(H, H - shift_i)):
+        for j in range(max(0, -shift_j), min(W, W - shift_j)):
+            a, b = aged(now[0, i + shift_i, j + shift_j], now[1, i + shift_i, j + shift_j], alpha)
+            prior[0, i, j], prior[1, i, j] = a, b
+
+
+@njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[untyped-decorator, unused-ignore]
+def _measure(now, prior, hit, passed, masses, out, weight):  # type: ignore[no-untyped-def]
+    """Expected masses after the measurement, and their pignistic probability, added to `out` by `weight`."""
+    occupied, free, ego, _ = masses
+    zero, half, one = np.float32(0), np.float32(0.5), np.float32(1)
+    H, W = hit.shape
+    for i in range(H):
+        for j in range(W):
+            a, b = prior[0, i, j], prior[1, i, j]
+            under = passed[i, j] < zero
+            q = one if under else hit[i, j]
+            seen_free = (one - q) * (zero if under else passed[i, j])
+            unseen = one - q - seen_free
+            a_occupied, b_occupied = combined(a, b, ego if under else occupied, zero)
+            a_free, b_free = combined(a, b, zero, free)
+            a = q * a_occupied + seen_free * a_free + unseen * a
+            b = q * b_occupied + seen_free * b_free + unseen * b
+            now[0, i, j], now[1, i, j] = a, b
+            out[i, j] += weight * (half * a + half * (one - b))
+
+
+@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
+def _remember(out, now, mass, shift_i, shift_j, weight):  # type: ignore[no-untyped-def]
+    """Move the forecast by `weight` towards the last frame shown: two forecasts that err apart, averaged."""
+    half = np.float32(0.5)
+    H, W = out.shape
+    for i in range(max(0, -shift_i), min(H, H - shift_i)):
+        for j in range(max(0, -shift_j), min(W, W - shift_j)):
+            u, v = i + shift_i, j + shift_j
+            out[i, j] += weight * half * (mass[0, u, v] - now[0, i, j] - mass[1, u, v] + now[1, i, j])

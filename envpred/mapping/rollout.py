@@ -1,0 +1,217 @@
+"""Forecasts by measuring again: the sensor's future measurements of a remembered world, and the evidence they give.
+
+What is forecast is a measurement.  For an ego future, a step of the rollout puts the sensor where it will be, casts its
+rays into the world, and fuses what they meet with the masses of the step before, as the mapping does.  The world is the
+probability that a cell is hit by the scan, on a context grid that is wider than the one that is judged:
+
+* a hit cell is measured as occupied whatever lies before it in the plane, because the scanner looks over low things;
+* another is measured as free if a ray passes it before being stopped: with probability T, the transmittance, the
+  product of 1 - hit over the cells before it on the ray; the largest over the rays of the cell;
+* cells under the ego are the ego's; the others are not measured;
+* cells that enter the judged grid carry no mass.
+
+Rendering from the future sensor was proposed for point clouds by Khurana et al. (CVPR 2023).
+"""
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field, replace
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from envpred.errors import UserError
+from envpred.mapping.evidence import PAPER, EvidenceParameters, Mass
+from envpred.mapping.geometry import EGO, FREE, OCCUPIED, PAPER_BODY, FloatArray, GridSpec
+from envpred.mapping.measurement import roll
+from envpred.mapping.movers import Grids, Moved, Movers, carried_on
+from envpred.mapping.world import World
+
+CHUNKS = (
+    4  # parts that the futures are summed in: the sum's order, and so its bits, are the same on any number of threads
+)
+
+
+class Mapper(Protocol):
+    """Calls in order or at once: `map` itself, or that of a thread pool (the loops hold no lock of the interpreter)."""
+
+    def __call__(self, function: Callable[[Any], Any], arguments: Iterable[Any], /) -> Iterator[Any]: ...
+
+
+@dataclass(frozen=True)
+class Rollout:
+    """The sensor and the mapping that the future is measured with.
+
+    Args:
+        sensor: place of the sensor in the body frame, forward and left, in metres.
+        sensor_heading: heading of the sensor in the body frame, radians.
+        grid: the judged grid.
+        body: rear, front and half width of the ego's body in the sensor's frame, metres.
+        evidence: masses of a measurement, and how fast they fade.
+        period: seconds between frames.
+        least: a ray ends where its transmittance falls below this.
+        clump: how much of what may be hit in one of many cells is the same thing, see `measurement`; 0 if nothing is.
+        remembered: share of the last frame itself in the forecast where the ego stands: what is measured again from
+            the same place and what was measured there err apart, so that their mean is better than either.
+        beyond: probability of a hit in cells beyond the context; None refuses a motion that leaves the context.
+    """
+
+    sensor: tuple[float, float]
+    sensor_heading: float = 0.0
+    grid: GridSpec = field(default_factory=GridSpec)
+    body: tuple[float, float, float] = (PAPER_BODY.rear, PAPER_BODY.front, PAPER_BODY.half_width)
+    evidence: EvidenceParameters = PAPER
+    period: float = 0.1
+    least: float = 0.02
+    clump: float = 0.05
+    remembered: float = 0.7
+    beyond: float | None = None
+
+    def __post_init__(self) -> None:
+        reach = (self.grid.half - 2) * self.grid.resolution
+        if not np.hypot(*self.sensor) < reach:
+            raise UserError(
+                f"the sensor at {self.sensor} m lies outside the grid of {self.grid.side:.1f} m; check its place"
+            )
+
+    def expected(
+        self,
+        mass: Mass,
+        world: World,
+        centre_cell: NDArray[np.integer],
+        futures: FloatArray,
+        movers: Movers | None = None,
+        draws: FloatArray | None = None,
+        mapper: Mapper = map,
+    ) -> Grids:
+        """The forecast (N, H, W): the mean over the futures of the expected probability of occupied.
+
+        In expectation over hits that come and go a cell's masses are m' = q fuse(m, occupied) + (1 - q) T fuse(m, free)
+        + (1 - q) (1 - T) age(m), with q its probability of a hit and T its transmittance.
+
+        Args:
+            mass: (2, H, W) posterior masses of the last frame shown.
+            world: what scans meet, in the context grid of the last frame shown.
+            centre_cell: (2,) lattice cell at the centre of that frame's grids.
+            futures: (K, N, 3) poses of the ego, in cells and radians, one a frame, equally likely.
+            movers: what moves on its own.
+            draws: (K, 2) standard normal draws of the movers' velocities, one for each future; by default their means.
+            mapper: `map`, or that of a thread pool.
+
+        Raises:
+            UserError: if the context is smaller than the grid, or a future leaves it.
+        """
+        scene, base = self._checked(mass, world, centre_cell, futures)
+        distinct, weights = _distinct(futures, draws)
+        parts = [range(n, len(distinct), CHUNKS) for n in range(min(CHUNKS, len(distinct)))]
+        sums = np.zeros((len(parts), futures.shape[1], *mass.shape[1:]), np.float32)
+
+        def part(n: int) -> None:
+            for k in parts[n]:
+                moved = self._carried_on(movers, draws, distinct[k], futures.shape[1])
+                self._roll(sums[n], mass, scene, base, centre_cell, futures[distinct[k]], weights[k], moved)
+
+        list(mapper(part, range(len(parts))))
+        forecast: Grids = sums.sum(axis=0)
+        return forecast
+
+    def samples(
+        self,
+        mass: Mass,
+        world: World,
+        centre_cell: NDArray[np.integer],
+        futures: FloatArray,
+        generator: np.random.Generator,
+        movers: Movers | None = None,
+        draws: FloatArray | None = None,
+        mapper: Mapper = map,
+    ) -> Grids:
+        """Forecasts (K, N, H, W), one for each future, in a world whose hits are drawn, frame by frame.
+
+        Args, Raises: as `expected`; `generator` draws the hits.
+        """
+        scene, base = self._checked(mass, world, centre_cell, futures)
+        K, N, _ = futures.shape
+        drawn = np.zeros((K, N, *mass.shape[1:]), np.float32)
+        seeds: list[int] = generator.integers(1, 1 << 63, size=K).tolist()
+
+        def sample(k: int) -> None:
+            moved = self._carried_on(movers, draws, k, N)
+            self._roll(drawn[k], mass, scene, base, centre_cell, futures[k], 1.0, moved, seeds[k])
+
+        list(mapper(sample, range(K)))
+        return drawn
+
+    def _checked(
+        self, mass: Mass, world: World, centre_cell: NDArray[np.integer], futures: FloatArray
+    ) -> tuple[World, NDArray[np.int64]]:
+        """The world, with a rim where futures leave it, and the lattice cell of its south-west corner."""
+        cells, half = self.grid.cells, self.grid.half
+        if futures.ndim != 3 or futures.shape[2] != 3:
+            raise ValueError(f"futures (K, N, 3) expected, not {futures.shape}")
+        if mass.shape != (2, cells, cells):
+            raise ValueError(f"masses (2, {cells}, {cells}) expected, not {mass.shape}")
+        W = world.hit.shape[-1]
+        for grids in (world.hit, world.hit if world.seen is None else world.seen):
+            if grids.shape not in ((1, W, W), (futures.shape[1], W, W)) or W % 2:
+                raise ValueError(f"square contexts (1 or {futures.shape[1]}, W, W) expected, not {grids.shape}")
+        if cells > W:
+            raise UserError(f"the context of {W} cells is smaller than the judged grid of {cells}; build a wider one")
+        centres = np.floor(futures[..., :2] + 0.5)
+        if not (np.abs(centres) < 2**31).all():
+            raise UserError("a future pose is not finite, or beyond every lattice; check the poses")
+        base = np.asarray(centre_cell, np.int64) - W // 2
+        corner = centres.astype(np.int64) - half - base
+        short = int(max(-corner.min(), corner.max() + cells - W, 0))
+        if short:
+            if self.beyond is None:
+                raise UserError(
+                    f"the ego leaves the context of {W} cells by {short * self.grid.resolution:.1f} m within "
+                    f"{futures.shape[1] * self.period:.1f} s; give a context of {W + 2 * short} cells, or `beyond`"
+                )
+            rim = ((0, 0), (short, short), (short, short))
+            hit = np.pad(world.hit, rim, constant_values=np.float32(self.beyond))
+            seen = None if world.seen is None else np.pad(world.seen, rim)
+            world, base = replace(world, hit=hit, seen=seen), base - short
+        return world, base
+
+    def _roll(
+        self,
+        out: Grids,
+        mass: Mass,
+        world: World,
+        base: NDArray[np.int64],
+        centre_cell: NDArray[np.integer],
+        future: FloatArray,
+        weight: float,
+        moved: Moved,
+        seed: int = 0,
+    ) -> None:
+        """Add `weight` times the forecast of one future to `out` (N, H, W); hits are drawn if there is a `seed`."""
+        table = self.evidence.table()
+        masses = table[OCCUPIED, 0], table[FREE, 1], table[EGO, 0], np.float32(self.evidence.discount)
+        hit = np.ascontiguousarray(world.hit, np.float32)
+        seen, share = hit, np.zeros(len(future), np.float32)
+        if world.seen is not None:
+            seen = np.ascontiguousarray(world.seen, np.float32)
+            moved_off = np.linalg.norm(future[:, :2] - world.place, axis=1) * self.grid.resolution
+            share = np.exp(-((moved_off / world.near) ** 2)).astype(np.float32)
+            share[share < 0.01] = 0
+        start = int(centre_cell[0]), int(centre_cell[1])
+        place = (*self.sensor, self.sensor_heading, self.grid.resolution)
+        reals = (np.float32(v) for v in (self.least, self.clump, self.remembered, weight))
+        numbers = (*reals, np.uint64(seed))
+        roll(out, mass, hit, seen, share, base, start, future, place, self.body, masses, numbers, *moved)
+
+    def _carried_on(self, movers: Movers | None, draws: FloatArray | None, k: int, horizons: int) -> Moved:
+        """Where the movers of future `k` are."""
+        return carried_on(movers, None if draws is None else draws[k], horizons, self.period, self.grid.resolution)
+
+
+def _distinct(futures: FloatArray, draws: FloatArray | None) -> tuple[list[int], list[float]]:
+    """Numbers of the futures that differ, and the shares they stand for: an ego that stands has one."""
+    K = len(futures)
+    flat = futures.reshape(K, -1) if draws is None else np.concatenate([futures.reshape(K, -1), draws], axis=1)
+    _, first, counts = np.unique(flat, axis=0, return_index=True, return_counts=True)
+    order = np.argsort(first)
+    return first[order].tolist(), (counts[order] / K).tolist()
