@@ -26,24 +26,25 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from envpred.drives.drive import Drive, find_drives
+from envpred.build.grids import mapped, mapper_of
+from envpred.drives import Drive, find_drives
 from envpred.drives.kitti import KittiDrive
-from envpred.mapping.geometry import FREE, GridSpec
-from envpred.mapping.ground import REACH, MarkovRandomField, RansacPlane
-from envpred.mapping.label_grid import RayCasting
+from envpred.mapping.geometry import FREE, PAPER_SENSOR_HEIGHT, GridSpec
+from envpred.mapping.ground import MarkovRandomField, RansacPlane
+from envpred.mapping.mapper import MappingParameters
 from envpred.simulate import classes, tracklets
 from envpred.simulate.run import simulate
 
 Segmenter = Callable[[NDArray[np.float32]], NDArray[np.bool_]]
 
-SENSOR_HEIGHT, CEILING, STRAYS = 1.73, 3.5, 0.15  # metres
+REACH, CEILING, STRAYS = GridSpec().reach, 3.5, 0.15  # metres
 
 
 def segmenters() -> dict[str, Segmenter]:
     """What is compared, fresh for a drive: name -> (points -> which are obstacles)."""
     found: dict[str, Segmenter] = {
-        "MRF": MarkovRandomField().obstacles,
-        "RANSAC 0.2 m": RansacPlane().obstacles,
+        "MRF": partial(MarkovRandomField().obstacles, reach=REACH),
+        "RANSAC 0.2 m": partial(RansacPlane().obstacles, reach=REACH),
     }
     try:
         import pypatchworkpp
@@ -51,7 +52,7 @@ def segmenters() -> dict[str, Segmenter]:
         return found
     parameters = pypatchworkpp.Parameters()
     parameters.verbose = False
-    parameters.sensor_height = SENSOR_HEIGHT
+    parameters.sensor_height = PAPER_SENSOR_HEIGHT
 
     def obstacles(segmenter: Any, points: NDArray[np.float32]) -> NDArray[np.bool_]:
         segmenter.estimateGround(points)
@@ -134,7 +135,7 @@ def share_beside_objects(drives: list[Drive], every: int) -> float:
             points, truth = drive.scan(frame), read_truth(drive, frame)
             ground = np.isin(truth, classes.GROUND)
             cells = np.round(points[:, :2] / field.cell).astype(np.int64) @ [1 << 20, 1]
-            missed = cells[ground & field.obstacles(points)]
+            missed = cells[ground & field.obstacles(points, REACH)]
             lost += len(missed)
             beside += int(np.isin(missed, cells[~ground & (points[:, 2] <= CEILING)]).sum())
     return beside / max(lost, 1)
@@ -146,22 +147,25 @@ def score_free(drives: list[Drive], every: int) -> tuple[float, float]:
     for drive in drives:
         assert isinstance(drive, KittiDrive)
         objects = tracklets.read(drive.folder / "tracklet_labels.xml")
-        origin = spec.lattice_origin(drive.poses[:, :3, 3])
-        centres = spec.cell_of(drive.poses[:, :3, 3], origin)
-        for k in range(0, len(drive.frames), every):
+        mapper = mapper_of(drive, MappingParameters(spec))
+        origin = mapper.origin
+        assert origin is not None
+        for k, seen in enumerate(mapped(drive, mapper)):
+            if k % every:
+                continue
             frame, points = drive.frames[k], drive.scan(drive.frames[k])
+            label, centre = seen.label, seen.centre_cell
             sensor = drive.poses[k] @ drive.sensor_to_body()
-            label = RayCasting().label(points, MarkovRandomField().obstacles(points), sensor, centres[k], origin, spec)
             is_free = label == FREE
             free += int(is_free.sum())
-            thing = ~np.isin(read_truth(drive, frame), classes.GROUND) & (points[:, 2] < 2.0 - SENSOR_HEIGHT)
+            thing = ~np.isin(read_truth(drive, frame), classes.GROUND) & (points[:, 2] < 2.0 - PAPER_SENSOR_HEIGHT)
             world = points[thing, :3] @ sensor[:3, :3].T + sensor[:3, 3]
-            cells = spec.cell_of(world, origin) - centres[k] + spec.half
+            cells = spec.cell_of(world, origin) - centre + spec.half
             cells = cells[((cells >= 0) & (cells < spec.cells)).all(axis=1)]
             held = np.zeros_like(is_free)
             held[cells[:, 0], cells[:, 1]] = True
             hit += int((held & is_free).sum())
-            boxed += int((_covered(objects, frame, sensor, origin, centres[k], spec) & is_free).sum())
+            boxed += int((_covered(objects, frame, sensor, origin, centre, spec) & is_free).sum())
     return hit / max(free, 1), boxed / max(free, 1)
 
 

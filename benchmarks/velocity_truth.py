@@ -18,14 +18,14 @@ import torch
 from numpy.typing import NDArray
 
 from benchmarks.timing import print_table
+from envpred.build.grids import mapped, mapper_of
 from envpred.drives.drive import Drive
 from envpred.drives.kitti import KittiDrive
 from envpred.errors import UserError
 from envpred.mapping import evidence
 from envpred.mapping.dogma import Dogma, DogmaParameters, is_moving, run
 from envpred.mapping.geometry import OCCUPIED, FloatArray, GridSpec, heading_of, transform
-from envpred.mapping.ground import MarkovRandomField
-from envpred.mapping.label_grid import RayCasting
+from envpred.mapping.mapper import MappingParameters
 from envpred.mapping.particle_state import GROUND, ParticleFilterParameters
 
 MOVING = 1.0  # m/s: what an object must do to count as moving
@@ -98,14 +98,11 @@ def read_boxes(drive: KittiDrive) -> list[list[Box]]:
 
 def map_drive(drive: Drive, grid: GridSpec) -> Grids:
     """The label grids of `drive`."""
-    ground, rays = MarkovRandomField(), RayCasting()
-    origin = grid.lattice_origin(drive.poses[:, :2, 3])
-    centre_cell = grid.cell_of(drive.poses[:, :2, 3], origin)
-    labels = []
-    for k, centre in zip(drive.frames, centre_cell, strict=True):
-        points, sensor = drive.scan(k), drive.pose(k) @ drive.sensor_to_body()
-        labels.append(rays.label(points, ground.obstacles(points), sensor, centre, origin, grid))
-    return Grids(np.stack(labels), centre_cell, origin)
+    mapper = mapper_of(drive, MappingParameters(grid))
+    assert mapper.origin is not None
+    frames = list(mapped(drive, mapper))
+    labels, centre_cell = (np.stack(values) for values in zip(*((f.label, f.centre_cell) for f in frames), strict=True))
+    return Grids(labels, centre_cell, mapper.origin)
 
 
 def rasterise(

@@ -1,8 +1,6 @@
 """What every reader gives: a drive's names, times, poses and scans, read when they are asked for."""
 
-import importlib
 import itertools
-import pkgutil
 from abc import ABC, abstractmethod
 from functools import cached_property
 from pathlib import Path
@@ -10,7 +8,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-import envpred.drives
 from envpred.errors import UserError
 from envpred.mapping.geometry import PAPER_BODY, PAPER_SENSOR_HEIGHT, PAPER_SENSOR_OFFSET, Body, FloatArray
 from envpred.mapping.period import is_gap, nominal
@@ -99,42 +96,6 @@ class Drive(ABC):
         breaks = np.flatnonzero((np.diff(self.frames) != self.stride) | late) + 1
         edges = [0, *breaks.tolist(), len(self.frames)]
         return [(a, b - a) for a, b in itertools.pairwise(edges) if b > a]
-
-
-def find_drives(root: Path | str) -> list[Drive]:
-    """All drives at or below `root` that a reader of this package recognises, sorted by name.
-
-    Raises:
-        UserError: if `root` is not there or holds no drive.
-    """
-    root = Path(root)
-    if not root.is_dir():
-        raise UserError(f"{root}: no such folder; give the folder that holds your drives")
-    found: dict[str, Drive] = {}
-    for module in pkgutil.iter_modules(envpred.drives.__path__):
-        reader = importlib.import_module(f"envpred.drives.{module.name}")
-        for drive in getattr(reader, "find", lambda root: [])(root):
-            if drive.name in found:
-                raise UserError(f"{root}: two drives are named {drive.name}; give the folder of one of them")
-            found[drive.name] = drive
-    if not found:
-        raise UserError(
-            f"{root}: no drive found; expected KITTI raw (<date>/<date>_drive_<number>_sync/velodyne_points/data) "
-            "or KITTI odometry (sequences/<number>/velodyne)"
-        )
-    return [found[name] for name in sorted(found)]
-
-
-def one_drive(root: Path | str, name: str | None = None) -> Drive:
-    """The drive of that name at or below `root`; without a name the first.
-
-    Raises:
-        UserError: if it is not there.
-    """
-    found = {drive.name: drive for drive in find_drives(root)}
-    if name is not None and name not in found:
-        raise UserError(f"{root}: no drive named {name}; it has {', '.join(found)}")
-    return found[name or next(iter(found))]
 
 
 def read_points(file: Path) -> NDArray[np.float32]:

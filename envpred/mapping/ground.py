@@ -37,15 +37,6 @@ class GroundSegmenter(ABC):
         """
 
 
-@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
-def within(points, obstacle, reach):  # type: ignore[no-untyped-def]
-    """Those of the obstacles (N,) whose points (N, >=3) have |x| and |y| of at most `reach` (metres, float32)."""
-    near = np.zeros(len(points), np.bool_)
-    for n in range(len(points)):
-        near[n] = obstacle[n] & (abs(points[n, 0]) <= reach) & (abs(points[n, 1]) <= reach)
-    return near
-
-
 @dataclass(frozen=True)
 class MarkovRandomField(GroundSegmenter):
     """Ground segmentation of Postica et al. 2016 with the parameters of Itkina et al. 2019.
@@ -154,7 +145,7 @@ def _heights(points, side, half, last, reach, far, ceiling):  # type: ignore[no-
     Points beyond `reach` count for the rings beyond `last`, the ring that `reach` ends in: by less than one cell this
     moves some of them, and the rings further in hold what they would without them.
     """
-    width = 2 * half + 1
+    width, beyond = 2 * half + 1, far > reach
     cells = np.empty(len(points), np.int32)
     highest = np.full(width * width, -np.inf, np.float32)
     lowest = np.full(width * width, np.inf, np.float32)
@@ -163,16 +154,25 @@ def _heights(points, side, half, last, reach, far, ceiling):  # type: ignore[no-
         if not (abs(x) <= far and abs(y) <= far and z <= ceiling):  # also true of what is not a number
             cells[n] = -1
             continue
-        i, j = int(np.rint(x / side)), int(np.rint(y / side))
-        if abs(x) > reach and abs(i) == last:
-            i += 1 if x > 0 else -1
-        if abs(y) > reach and abs(j) == last:
-            j += 1 if y > 0 else -1
-        c = (half + i) * width + half + j
+        c = (half + int(np.rint(x / side))) * width + half + int(np.rint(y / side))
+        if beyond and (abs(x) > reach or abs(y) > reach):
+            c = _further_out(c, x, y, half, last, reach)
         cells[n] = c
         highest[c] = max(highest[c], z)  # faster than branches, which are hard to foresee here
         lowest[c] = min(lowest[c], z)
     return cells, highest.reshape(width, width), lowest.reshape(width, width)
+
+
+@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
+def _further_out(c, x, y, half, last, reach):  # type: ignore[no-untyped-def]
+    """Cell of a point beyond `reach` whose own is `c`: no further in than the ring after `last`."""
+    width = 2 * half + 1
+    i, j = c // width - half, c % width - half
+    if abs(x) > reach and abs(i) == last:
+        i += 1 if x > 0 else -1
+    if abs(y) > reach and abs(j) == last:
+        j += 1 if y > 0 else -1
+    return (half + i) * width + half + j
 
 
 @njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
@@ -183,30 +183,31 @@ def _spread(highest, lowest, half, max_span, max_rise, empty_height):  # type: i
     obstacle = np.zeros((width, width), np.bool_)
     ground[half, half] = highest[half, half] if np.isfinite(highest[half, half]) else empty_height
     for r in range(1, half + 1):
-        for side in range(4):  # a ring is four sides, each of which owns its first corner
-            for along in range(-r, r):
-                if side == 0:
-                    di, dj = -r, along
-                elif side == 1:
-                    di, dj = along, r
-                elif side == 2:
-                    di, dj = r, -along
-                else:
-                    di, dj = -along, -r
-                # Neighbours in the previous ring: cells of the 8-neighbourhood with Chebyshev distance r - 1.
-                nearby = -np.inf
-                for ni in range(max(di - 1, 1 - r), min(di + 1, r - 1) + 1):
-                    for nj in range(max(dj - 1, 1 - r), min(dj + 1, r - 1) + 1):
-                        nearby = max(nearby, ground[half + ni, half + nj])
-                i, j = half + di, half + dj
-                top = highest[i, j]
-                seen = np.isfinite(top)
-                if seen and top - lowest[i, j] < max_span and top - nearby < max_rise:
-                    ground[i, j] = top
-                else:
-                    ground[i, j] = nearby
-                    obstacle[i, j] = seen
+        first, last = half - r, half + r
+        inner, outer = first + 1, last - 1  # the previous ring reaches from the one to the other
+        # Neighbours in the previous ring, of a side without its ends: three cells in a row.  At the ends there are
+        # fewer, so that the nearest is counted twice.
+        for i, inside in ((first, inner), (last, outer)):
+            for j in range(first, last + 1):
+                a, b, c = max(min(j - 1, outer), inner), max(min(j, outer), inner), max(min(j + 1, outer), inner)
+                nearby = max(ground[inside, a], ground[inside, b], ground[inside, c])
+                _decide(ground, obstacle, highest, lowest, i, j, nearby, max_span, max_rise)
+        for i in range(inner, last):
+            a, c = max(i - 1, inner), min(i + 1, outer)
+            for j, inside in ((first, inner), (last, outer)):
+                nearby = max(ground[a, inside], ground[i, inside], ground[c, inside])
+                _decide(ground, obstacle, highest, lowest, i, j, nearby, max_span, max_rise)
     return obstacle
+
+
+@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
+def _decide(ground, obstacle, highest, lowest, i, j, nearby, max_span, max_rise):  # type: ignore[no-untyped-def]
+    """Ground height and verdict of one cell, from its points and the ground `nearby` one ring further in."""
+    top = highest[i, j]
+    seen = top > -np.inf
+    level = (top - lowest[i, j] < max_span) & (top - np.float64(nearby) < max_rise)
+    ground[i, j] = top if seen & level else nearby
+    obstacle[i, j] = seen & ~level
 
 
 @njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]

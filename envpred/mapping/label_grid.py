@@ -19,6 +19,8 @@ from envpred.mapping.geometry import (
 )
 from envpred.mapping.rays import border_cell, first_cell, mark_ego, next_cell
 
+NOTHING, ANYWHERE = np.zeros((0, 0), np.uint8), np.float32(np.inf)  # no wider grid, and no limit to the judged one's
+
 
 @dataclass(frozen=True)
 class RayCasting:
@@ -57,30 +59,84 @@ class RayCasting:
             spec: the grid.
             body: of the ego.
         """
+        return self._cast(points, obstacle, sensor_pose, centre_cell, origin, body, spec)[0]
+
+    def labels(
+        self,
+        points: NDArray[np.float32],
+        obstacle: NDArray[np.bool_],
+        sensor_pose: FloatArray,
+        centre_cell: IntArray,
+        origin: FloatArray,
+        spec: GridSpec,
+        context: GridSpec,
+        body: Body = PAPER_BODY,
+    ) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+        """The label grids of one scan on the judged grid and on a wider one with the same centre.
+
+        Points out of the judged grid's reach have no part in it, whatever the sensor's tilt: it is what it is alone.
+
+        Args:
+            points: (N, >=3) in the sensor frame, metres.
+            obstacle: (N,) which of them are obstacles.
+            sensor_pose: (4, 4) sensor frame to world.
+            centre_cell: (2,) lattice cell at the grids' centre.
+            origin: (2,) world position of lattice cell (0, 0), metres.
+            spec: the judged grid.
+            context: the wider one.
+            body: of the ego.
+        """
+        return self._cast(
+            points, obstacle, sensor_pose, centre_cell, origin, body, spec, context, np.float32(spec.reach)
+        )
+
+    def _cast(
+        self,
+        points: NDArray[np.float32],
+        obstacle: NDArray[np.bool_],
+        sensor_pose: FloatArray,
+        centre_cell: IntArray,
+        origin: FloatArray,
+        body: Body,
+        spec: GridSpec,
+        context: GridSpec | None = None,
+        reach: np.float32 = ANYWHERE,
+    ) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
         # World position, in cells, of the centre of the local grid's cell (0, 0).
         corner = (np.asarray(centre_cell) - spec.half).astype(np.float64)
         shift = (sensor_pose[:2, 3] - origin) / spec.resolution - corner
         rotation = sensor_pose[:2, :3] / spec.resolution
         grid = np.zeros((spec.cells, spec.cells), np.uint8)
+        wide, rim = NOTHING, 0
+        if context is not None:
+            wide, rim = np.zeros((context.cells, context.cells), np.uint8), context.half - spec.half
         box = (
             body.rear - self.rear_margin,
             body.front + self.front_margin,
             body.half_width + self.side_margin,
         )
-        _mark_occupied(grid, points, obstacle, rotation, shift, box, self.nearest / spec.resolution)
+        nearest = self.nearest / spec.resolution
+        _mark_occupied(grid, wide, rim, reach, points, obstacle, rotation, shift, box, nearest)
+        ego, heading = (body.rear, body.front, body.half_width), float(heading_of(sensor_pose))
         _cast_rays(grid, shift[0], shift[1])
-        heading, ego = float(heading_of(sensor_pose)), (body.rear, body.front, body.half_width)
         mark_ego(grid, shift[0], shift[1], heading, ego, spec.resolution, EGO)
-        return grid
+        if context is not None:
+            _cast_rays(wide, shift[0] + rim, shift[1] + rim)
+            mark_ego(wide, shift[0] + rim, shift[1] + rim, heading, ego, spec.resolution, EGO)
+        return grid, wide
 
 
 @njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
-def _mark_occupied(grid, points, obstacle, rotation, shift, box, nearest):  # type: ignore[no-untyped-def]
-    """A cell that holds an obstacle point outside the ego's surroundings is occupied."""
+def _mark_occupied(grid, wide, rim, reach, points, obstacle, rotation, shift, box, nearest):  # type: ignore[no-untyped-def]
+    """A cell that holds an obstacle point outside the ego's surroundings is occupied.
+
+    The grid takes points within `reach` alone; it begins at cell (rim, rim) of the wide one, which may be empty.
+    """
     rear, front, half_width = box
     # Locals, because the compiler cannot know that writing to the grid leaves these arrays alone.
     ux, uy, uz, vx, vy, vz = rotation.flat
     east, north = shift
+    both = len(wide) > 0
     for n in range(len(points)):
         if not obstacle[n]:
             continue
@@ -91,6 +147,11 @@ def _mark_occupied(grid, points, obstacle, rotation, shift, box, nearest):  # ty
         if u * u + v * v < nearest * nearest:
             continue
         i, j = int(np.floor(u + east + 0.5)), int(np.floor(v + north + 0.5))
+        if both:
+            if 0 <= i + rim < wide.shape[0] and 0 <= j + rim < wide.shape[1]:
+                wide[i + rim, j + rim] = OCCUPIED
+            if abs(x) > reach or abs(y) > reach:
+                continue
         if 0 <= i < grid.shape[0] and 0 <= j < grid.shape[1]:
             grid[i, j] = OCCUPIED
 

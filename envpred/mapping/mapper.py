@@ -25,7 +25,7 @@ from envpred.mapping.geometry import (
     GridSpec,
     IntArray,
 )
-from envpred.mapping.ground import GroundSegmenter, MarkovRandomField, within
+from envpred.mapping.ground import GroundSegmenter, MarkovRandomField
 from envpred.mapping.label_grid import RayCasting
 from envpred.mapping.period import PERIOD, is_gap
 
@@ -74,7 +74,7 @@ class Mapped(NamedTuple):
         velocities: of the cells, where the mapper was asked for them.
         context_label: (H', W') label codes of the wider grid with the same centre, where there is one.
         context_mass: (2, H', W') its evidence.
-        obstacle: (N,) bool which of the scan's points are obstacles to the judged grid.
+        obstacle: (N,) bool which of the scan's points are obstacles, out to where the wider grid ends.
         pose: (4, 4) of the body in the world, as it was given.
         time: of the scan in seconds, as it was given.
     """
@@ -182,13 +182,13 @@ class Mapper:
 
         reach, context_reach = self.grid.reach, None if self.context is None else self.context.reach
         obstacle = self.parameters.ground.obstacles(points, reach, self.sensor_height, context_reach)
-        sensor = pose @ self.sensor_to_body
+        where = pose @ self.sensor_to_body, centre_cell, self.origin, self.grid
         context_label = context_mass = None
-        if self.context is not None and self._wide is not None:
-            context_label = self._label(points, obstacle, sensor, centre_cell, self.context)
+        if self.context is None or self._wide is None:
+            label = self.parameters.rays.label(points, obstacle, *where, self.body)
+        else:
+            label, context_label = self.parameters.rays.labels(points, obstacle, *where, self.context, self.body)
             context_mass = self._wide.step(context_label, shift)
-            obstacle = within(points, obstacle, np.float32(reach))  # what the judged grid alone would have seen
-        label = self._label(points, obstacle, sensor, centre_cell, self.grid)
         mass = self._judged.step(label, shift)
 
         velocities = None
@@ -208,14 +208,3 @@ class Mapper:
         before = centre_cell if self._before is None else self._before[0]
         self._before = centre_cell, time
         return centre_cell - before
-
-    def _label(
-        self,
-        points: NDArray[np.float32],
-        obstacle: NDArray[np.bool_],
-        sensor: FloatArray,
-        centre_cell: IntArray,
-        grid: GridSpec,
-    ) -> Label:
-        assert self.origin is not None
-        return self.parameters.rays.label(points, obstacle, sensor, centre_cell, self.origin, grid, self.body)

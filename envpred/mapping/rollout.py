@@ -133,7 +133,7 @@ class Rollout:
         scene, base = self._checked(mass, world, centre_cell, futures)
         K, N, _ = futures.shape
         drawn = np.zeros((K, N, *mass.shape[1:]), np.float32)
-        seeds: list[int] = generator.integers(1, 1 << 63, size=K).tolist()
+        seeds = [int(seed) for seed in generator.integers(1, 1 << 63, size=K)]
 
         def sample(k: int) -> None:
             moved = self._carried_on(movers, draws, k, N)

@@ -51,7 +51,7 @@ def test_the_judged_grid_is_what_it_is_alone(
         points = random.uniform(-1, 1, (400, 4)) * (9, 9, 1, 1) - (0, 0, 1, 0)
         pose = pose_of(0.4 * t, heading, pitch)
         one, other = (mapper.step(points.astype(np.float32), pose, 0.1 * t) for mapper in (alone, both))
-        for name in ("label", "mass", "centre_cell", "obstacle"):
+        for name in ("label", "mass", "centre_cell"):
             np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
 
 
