@@ -17,7 +17,13 @@ from tqdm import tqdm
 from envpred.errors import UserError
 
 
-# A drive and what to call after each frame -> the line that says why it failed, or None; it must be picklable.
+def available_cores() -> int:
+    """Cores that this process may use, which are fewer than the machine's where it is confined to some."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
 class Framed(Protocol):
     """What a job is done for: a drive, stored or not."""
 
@@ -30,6 +36,7 @@ class Framed(Protocol):
 
 
 D = TypeVar("D", bound=Framed)
+# A drive and what to call after each frame -> the line that says why it failed, or None; it must be picklable.
 Job = Callable[[D, Callable[[], None]], str | None]
 Outcome = Generator[tuple[int, str | None], None, None]  # frames more, and the line of a drive that failed
 
@@ -44,7 +51,7 @@ def in_processes(job: Job[D], drives: list[D], workers: int | None) -> Outcome:
     Raises:
         UserError: if a worker is killed from outside.
     """
-    count = min(workers or len(os.sched_getaffinity(0)), len(drives))
+    count = min(workers or available_cores(), len(drives))
     if count == 0:
         return
     context = multiprocessing.get_context("spawn")  # fork would copy torch's and numba's threads half

@@ -7,7 +7,7 @@ from torch import Tensor
 
 from envpred.mapping.geometry import GridSpec
 from envpred.mapping.particle_state import ParticleFilterParameters, ParticleState
-from envpred.mapping.particles import cell_number, without_rim
+from envpred.mapping.particles.cells import cell_number, without_rim
 
 SECONDS = 1.5  # how far ahead the particle forecast is stored
 HORIZONS = 15  # the frames that are, at 10 Hz

@@ -2,7 +2,6 @@
 
 import errno
 import multiprocessing
-import os
 import shutil
 import sys
 import time
@@ -16,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from envpred.build.executors import available_cores
 from envpred.errors import UserError
 from envpred.simulate import scene as scenes
 from envpred.simulate.lidar import HDL64E
@@ -52,7 +52,7 @@ def simulate(
         drives: number of drives.
         frames: scans a drive, at 10 Hz.
         seed: egos, times, towns and street furniture follow from it.
-        workers: drives at work at once; by default the machine's cores.
+        workers: drives at work at once; by default one a core.
         recording: traffic of `record.record`; by default the one that comes with the package.
 
     Raises:
@@ -89,7 +89,7 @@ def _check(out: Path, drives: int, frames: int, seed: int, workers: int | None) 
         raise UserError(f"--workers {workers}: give at least 1, or leave it out for one a core")
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise UserError(f"{out} holds something already: give a folder that is not there yet, or empty it")
-    return workers or os.cpu_count() or 1
+    return workers or available_cores()
 
 
 def _able_towns(recording: Recording, frames: int) -> list[int]:

@@ -3,6 +3,8 @@
 import hashlib
 import json
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -17,17 +19,26 @@ def digest(value: Any) -> str:
     return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()[:16]
 
 
-def write_json(file: Path, value: Any) -> None:
-    """Replace `file` in one step."""
-    part = file.with_name(f".{file.name}-{os.getpid()}")
+@contextmanager
+def replaced(file: Path) -> Iterator[Path]:
+    """A path beside `file` to write to, of the same ending; it takes the place of `file` in one step.
+
+    If the block fails, `file` stays what it was and nothing else is left.
+    """
+    part = file.with_name(f".{os.getpid()}-{file.name}")
     try:
-        with part.open("w") as handle:
-            json.dump(value, handle, indent=1)
-            handle.flush()
-            os.fsync(handle.fileno())
+        yield part
+        with part.open("rb") as written:
+            os.fsync(written.fileno())
         os.replace(part, file)
     finally:
         part.unlink(missing_ok=True)
+
+
+def write_json(file: Path, value: Any) -> None:
+    """Replace `file` in one step."""
+    with replaced(file) as part:
+        part.write_text(json.dumps(value, indent=1))
 
 
 def read_json(file: Path) -> dict[str, Any]:

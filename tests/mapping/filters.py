@@ -4,7 +4,8 @@ import torch
 
 from envpred.mapping.geometry import GridSpec
 from envpred.mapping.particle_state import ParticleFilterParameters, ParticleState, initial_state
-from envpred.mapping.particles import DogmaGrid, Particles, step
+from envpred.mapping.particles import DogmaGrid, step
+from envpred.mapping.particles.cells import Particles
 
 PAPER = ParticleFilterParameters()
 SMALL = ParticleFilterParameters(persistent=300, births=40)

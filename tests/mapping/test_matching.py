@@ -11,7 +11,10 @@ from envpred.mapping.dogma import is_moving
 from envpred.mapping.geometry import GridSpec
 from envpred.mapping.matching import TILE, Matches, match
 from envpred.mapping.particle_state import GROUND
-from envpred.mapping.particles import cell_number, moments, shifted, sort_by_cell, weigh
+from envpred.mapping.particles.cells import cell_number, sort_by_cell
+from envpred.mapping.particles.moments import moments
+from envpred.mapping.particles.update import weigh
+from envpred.mapping.shift import shifted_tensor
 from tests.mapping.filters import block_scene, follow, masses, seeded
 
 GRID = GridSpec(cells=48)
@@ -89,7 +92,7 @@ class TestMatch:
         """Each place is judged by its own surroundings; elsewhere is whole tiles away."""
         now, then = car(18, 21), car(15, 20)
         here = match(now, then, GROUND, GRID)
-        there = match(shifted(now, (TILE, -TILE)), shifted(then, (TILE, -TILE)), GROUND, GRID)
+        there = match(shifted_tensor(now, (TILE, -TILE)), shifted_tensor(then, (TILE, -TILE)), GROUND, GRID)
         cell = (20, 22)
         pair = here.score[int(here.tile[cell])], there.score[int(there.tile[cell[0] - TILE, cell[1] + TILE])]
         near = slice(7, -7)  # displacements that do not look beyond the grid's border
@@ -183,7 +186,7 @@ class TestInTheFilter:
         grids, block = block_scene(self.grid, 8, (0.0, 0.0), ego_cells=ego)
         state, dogma = follow(grids, ego, self.parameters, self.grid)[-1]
         torch.testing.assert_close(state.seen[-1], grids[-1][0] - grids[-1][1])
-        torch.testing.assert_close(state.seen[0], shifted(grids[-3][0] - grids[-3][1], (2 * ego[0], 2 * ego[1])))
+        torch.testing.assert_close(state.seen[0], shifted_tensor(grids[-3][0] - grids[-3][1], (2 * ego[0], 2 * ego[1])))
         assert is_moving(dogma.velocity, dogma.covariance)[block].float().mean() < 0.03
 
     def test_nothing_is_kept_without_matching(self) -> None:

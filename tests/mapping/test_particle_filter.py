@@ -12,15 +12,10 @@ from envpred.errors import UserError
 from envpred.mapping.dogma import is_moving
 from envpred.mapping.geometry import GridSpec
 from envpred.mapping.particle_state import GROUND, initial_state
-from envpred.mapping.particles import (
-    cell_number,
-    resample,
-    shifted,
-    sort_by_cell,
-    step,
-    with_rim,
-    without_rim,
-)
+from envpred.mapping.particles import step
+from envpred.mapping.particles.cells import cell_number, sort_by_cell, with_rim, without_rim
+from envpred.mapping.particles.resample import resample
+from envpred.mapping.shift import shifted_tensor
 from tests.mapping.filters import NOBODY, PAPER, SMALL, TINY, block_scene, follow, masses, random_masses, seeded
 
 Frame = Literal["ego", "ground"]
@@ -96,7 +91,7 @@ class TestInvariants:
     @settings(max_examples=20, deadline=None)
     def test_free_mass_moves_against_the_grid(self, east: int, north: int) -> None:
         field = torch.arange(1.0, 65).view(8, 8)
-        moved = shifted(field, (east, north))
+        moved = shifted_tensor(field, (east, north))
         for i in range(8):
             for j in range(8):
                 inside = 0 <= i + east < 8 and 0 <= j + north < 8

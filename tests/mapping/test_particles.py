@@ -9,23 +9,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from envpred.mapping.particle_state import initial_state
-from envpred.mapping.particles import (
-    apportion,
-    box_sum,
-    combine,
-    give_birth,
-    moments,
-    normal,
-    over_neighbours,
-    predict,
-    predict_free,
-    predict_occupied,
-    resample,
-    sort_by_cell,
-    split_occupied,
-    step,
-    without_rim,
-)
+from envpred.mapping.particles import step
+from envpred.mapping.particles.births import give_birth
+from envpred.mapping.particles.cells import sort_by_cell, without_rim
+from envpred.mapping.particles.moments import box_sum, moments, over_neighbours
+from envpred.mapping.particles.predict import predict, predict_free, predict_occupied
+from envpred.mapping.particles.random import normal
+from envpred.mapping.particles.resample import apportion, resample
+from envpred.mapping.particles.update import combine, split_occupied
 from tests.mapping.filters import NOBODY, PAPER, SMALL, TINY, seeded
 
 

@@ -1,0 +1,46 @@
+"""Files that are replaced in one step or not at all."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from envpred.store.files import digest, read_json, replaced, write_json
+
+
+def test_a_file_is_replaced_when_it_is_whole(tmp_path: Path) -> None:
+    file = tmp_path / "picture.png"
+    file.write_text("old")
+    with replaced(file) as part:
+        assert part.suffix == ".png"  # libraries go by it
+        part.write_text("new")
+        assert file.read_text() == "old"
+    assert file.read_text() == "new"
+    assert list(tmp_path.iterdir()) == [file]
+
+
+def test_what_fails_halfway_leaves_the_old_file_alone(tmp_path: Path) -> None:
+    file = tmp_path / "curve.npz"
+    file.write_text("old")
+
+    def fail() -> None:
+        with replaced(file) as part:
+            part.write_text("ha")
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        fail()
+    assert file.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [file]
+
+
+def test_json_that_cannot_be_written_leaves_the_old(tmp_path: Path) -> None:
+    write_json(tmp_path / "a.json", {"a": 1})
+    with pytest.raises(TypeError):
+        write_json(tmp_path / "a.json", {"a": object()})
+    assert read_json(tmp_path / "a.json") == {"a": 1}
+    assert (tmp_path / "a.json").read_text() == json.dumps({"a": 1}, indent=1)
+
+
+def test_digest_does_not_depend_on_the_order_of_keys() -> None:
+    assert digest({"a": 1, "b": 2}) == digest({"b": 2, "a": 1}) != digest({"a": 2, "b": 1})
