@@ -12,6 +12,7 @@ PACKAGE = Path(envpred.__file__).parent
 # What each room may import of ours.
 ALLOWED = {
     "mapping": {
+        "mapping.dogma",
         "mapping.ego_motion",
         "mapping.evidence",
         "mapping.geometry",

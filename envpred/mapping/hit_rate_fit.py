@@ -130,6 +130,6 @@ def _logistic(drives: Sequence[Examples], weights: Sequence[float], seen: bool, 
         value.backward()  # type: ignore[no-untyped-call]
         return value
 
-    optimizer.step(loss)  # type: ignore[arg-type, no-untyped-call]
+    optimizer.step(loss)  # type: ignore[no-untyped-call]
     result: FloatArray = (theta / scale).detach().double().numpy()
     return result

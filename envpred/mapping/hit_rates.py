@@ -74,9 +74,10 @@ class HitRates:
             period: seconds between frames.
         """
         W, N = labels.shape[-1], futures.shape[1]
+        # One cell more than needed, for worlds turned round.
         base = np.asarray(centre_cells[-1], np.int64) - W // 2
         corners = np.floor(futures[..., :2] + 0.5).astype(np.int64) - cells // 2 - base
-        low, high = np.clip(corners.min(axis=0), 0, W), np.clip(corners.max(axis=0) + cells, 0, W)  # (N, 2)
+        low, high = np.clip(corners.min(axis=0), 0, W), np.clip(corners.max(axis=0) + cells + 1, 0, W)  # (N, 2)
         part = (*low.min(axis=0).tolist(), *high.max(axis=0).tolist())
         found = features(labels, centre_cells, mass, part)
         mean = futures.mean(axis=0)
@@ -102,7 +103,7 @@ def default() -> HitRates:
 
 
 def conditions(futures: FloatArray, pose: FloatArray, resolution: float, period: float) -> Grids:
-    """What is a horizon's own (N, 3): log of its time in 0.1 s, root of the distance moved in 10 m, whether it stood."""
+    """What is a horizon's own (N, 3): log of its time in 0.1 s, root of the distance in 10 m, whether the ego stood."""
     moved = np.linalg.norm(futures[:, :2] - np.asarray(pose[:2]), axis=1) * resolution
     time = np.log(np.arange(1, len(futures) + 1) * period / 0.1)
     root = np.sqrt(np.minimum(np.where(moved < 0.05, 0, moved), 30) / 10)
