@@ -74,9 +74,10 @@ class HitRates:
             period: seconds between frames.
         """
         W, N = labels.shape[-1], futures.shape[1]
+        # One cell more than needed, for worlds turned round.
         base = np.asarray(centre_cells[-1], np.int64) - W // 2
         corners = np.floor(futures[..., :2] + 0.5).astype(np.int64) - cells // 2 - base
-        low, high = np.clip(corners.min(axis=0), 0, W), np.clip(corners.max(axis=0) + cells, 0, W)  # (N, 2)
+        low, high = np.clip(corners.min(axis=0), 0, W), np.clip(corners.max(axis=0) + cells + 1, 0, W)  # (N, 2)
         part = (*low.min(axis=0).tolist(), *high.max(axis=0).tolist())
         found = features(labels, centre_cells, mass, part)
         mean = futures.mean(axis=0)

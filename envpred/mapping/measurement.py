@@ -11,7 +11,7 @@ from envpred.mapping.rays import border_cell, first_cell, mark_ego, next_cell
 
 
 @njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[untyped-decorator, unused-ignore]
-def roll(out, mass, world, seen, share, base, start, future, place, body, masses, numbers, cells, moved_hit):  # type: ignore[no-untyped-def]
+def roll(out, mass, world, seen, share, base, start, future, offset, place, body, masses, numbers, cells, moved_hit):  # type: ignore[no-untyped-def]
     """The steps of one future: see `Rollout.expected`; with a `seed` hits are drawn instead of expected."""
     forward, left, turn, resolution = place
     least, clump, remembered, weight, seed = numbers
@@ -22,7 +22,7 @@ def roll(out, mass, world, seen, share, base, start, future, place, body, masses
     last_i, last_j = start
     for h in range(len(future)):
         x, y, heading = future[h]
-        ci, cj = int(np.floor(x + 0.5)), int(np.floor(y + 0.5))
+        ci, cj = int(np.floor(x + 0.5)) + offset[0], int(np.floor(y + 0.5)) + offset[1]
         corner_i, corner_j = ci - half_i, cj - half_j
         _window(hit, world[h if len(world) > 1 else 0], corner_i - base[0], corner_j - base[1])
         _add_movers(hit, cells[h], moved_hit[h], corner_i, corner_j)

@@ -1,13 +1,17 @@
 """What moves on its own: cells taken out of the static world and carried on by their velocities."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter
 
-from envpred.mapping.geometry import FloatArray
+from envpred.errors import UserError
+from envpred.mapping.dogma import is_moving
+from envpred.mapping.geometry import OCCUPIED, FloatArray
+from envpred.mapping.world import Grids, World
 
-Grids = NDArray[np.float32]
 Moved = tuple[NDArray[np.int64], Grids]
 
 
@@ -19,13 +23,87 @@ class Movers:
         cell: (M, 2) lattice cells at the last frame shown.
         velocity: (M, 2) in m/s relative to the ground, east and north.
         deviation: (M, 3) Cholesky factor (xx, yx, yy) of the velocities' covariance, m/s.
-        hit: (M,) or (M, N) probability of a hit where the cell has moved to, at each horizon.
+        hit: (M, N) probability of a hit where the cell has moved to, at each horizon.
     """
 
     cell: NDArray[np.int64]
     velocity: Grids
     deviation: Grids
     hit: Grids
+
+
+@dataclass(frozen=True)
+class Moving:
+    """Which cells move, and how they are carried on.
+
+    Args:
+        tau: a cell moves if the squared Mahalanobis distance of its velocity from 0 exceeds this.
+        slowest: and if it is faster than this, in m/s.
+        share: of the probability of a hit that leaves the cell with what moves; the rest stays.
+        trail: cells around what moves where hits that the last frame does not have any more are its trail, and go too.
+        hit: probability that a moved cell is hit one frame later.
+        lasting: factor on it for every further frame.
+        spread: factor on the velocities' deviation.
+    """
+
+    tau: float = 4.0
+    slowest: float = 0.5
+    share: float = 1.0
+    trail: int = 3
+    hit: float = 0.75
+    lasting: float = 0.98
+    spread: float = 0.5
+
+    def split(
+        self,
+        world: World,
+        label: NDArray[np.uint8],
+        velocity: NDArray[np.floating],
+        covariance: NDArray[np.floating],
+        centre_cell: NDArray[np.integer],
+        horizons: int,
+        frame: str,
+    ) -> tuple[World, Movers]:
+        """The `world` without what moves, and what moves.
+
+        Args:
+            world: what scans meet, on the context grid.
+            label: (H, H) label codes of the last frame shown, the judged grid's.
+            velocity: (2, H, H) of its cells, m/s.
+            covariance: (3, H, H) of that, xx, xy, yy.
+            centre_cell: (2,) lattice cell at the grid's centre.
+            horizons: frames ahead.
+            frame: what velocities are relative to, see `ParticleFilterParameters.frame`.
+
+        Raises:
+            UserError: if velocities are relative to the ego.
+        """
+        if frame != "ground":
+            raise UserError(
+                f"velocities are relative to the {frame}, and movers need them relative to the ground; build the grids "
+                "with --config configs/grids/ground_velocity.yaml"
+            )
+        speed, spread = (torch.from_numpy(np.asarray(a, np.float32)) for a in (velocity, covariance))
+        moving = (is_moving(speed, spread, self.tau) & (speed.norm(dim=0) > self.slowest)).numpy()
+        i, j = np.nonzero(moving & (label == OCCUPIED))
+        around = np.zeros(label.shape, np.bool_)
+        around[i, j] = True
+        around = maximum_filter(around, 2 * self.trail + 1) & ((label != OCCUPIED) | around)
+        rim = (world.hit.shape[-1] - label.shape[-1]) // 2
+        inner = slice(rim, rim + label.shape[-1])
+        hit = world.hit.copy()
+        hit[:, inner, inner] *= np.where(around, np.float32(1 - self.share), np.float32(1))
+        xx, xy, yy = np.asarray(covariance, np.float64)[:, i, j]
+        a = np.sqrt(np.maximum(xx, 1e-6))
+        c = np.sqrt(np.maximum(yy - (xy / a) ** 2, 0))
+        ahead = self.hit * self.lasting ** np.arange(horizons)
+        movers = Movers(
+            cell=np.stack([i, j], axis=1) + np.asarray(centre_cell, np.int64) - label.shape[-1] // 2,
+            velocity=np.asarray(velocity, np.float32)[:, i, j].T,
+            deviation=(self.spread * np.stack([a, xy / a, c], axis=1)).astype(np.float32),
+            hit=np.tile(ahead.astype(np.float32), (len(i), 1)),
+        )
+        return replace(world, hit=hit), movers
 
 
 def carried_on(
@@ -40,5 +118,4 @@ def carried_on(
         velocity = velocity + np.stack([xx * draw[0], yx * draw[0] + yy * draw[1]], axis=1)
     ahead = np.arange(1, horizons + 1)[:, None, None] * (period / resolution)
     cells = np.floor(movers.cell + velocity * ahead + 0.5).astype(np.int64)
-    hit = movers.hit if movers.hit.ndim == 2 else np.repeat(movers.hit[:, None], horizons, axis=1)
-    return cells, np.ascontiguousarray(hit.T, np.float32)
+    return cells, np.ascontiguousarray(movers.hit.T, np.float32)

@@ -24,8 +24,8 @@ from envpred.errors import UserError
 from envpred.mapping.evidence import PAPER, EvidenceParameters, Mass
 from envpred.mapping.geometry import EGO, FREE, OCCUPIED, PAPER_BODY, FloatArray, GridSpec
 from envpred.mapping.measurement import roll
-from envpred.mapping.movers import Grids, Moved, Movers, carried_on
-from envpred.mapping.world import World
+from envpred.mapping.movers import Moved, Movers, carried_on
+from envpred.mapping.world import Grids, World
 
 CHUNKS = (
     4  # parts that the futures are summed in: the sum's order, and so its bits, are the same on any number of threads
@@ -74,6 +74,10 @@ class Rollout:
                 f"the sensor at {self.sensor} m lies outside the grid of {self.grid.side:.1f} m; check its place"
             )
 
+    def mirrored(self) -> "Rollout":
+        """The rollout of a mirrored world, where left is right."""
+        return replace(self, sensor=(self.sensor[0], -self.sensor[1]), sensor_heading=-self.sensor_heading)
+
     def expected(
         self,
         mass: Mass,
@@ -83,6 +87,7 @@ class Rollout:
         movers: Movers | None = None,
         draws: FloatArray | None = None,
         mapper: Mapper = map,
+        offset: tuple[int, int] = (0, 0),
     ) -> Grids:
         """The forecast (N, H, W): the mean over the futures of the expected probability of occupied.
 
@@ -97,11 +102,13 @@ class Rollout:
             movers: what moves on its own.
             draws: (K, 2) standard normal draws of the movers' velocities, one for each future; by default their means.
             mapper: `map`, or that of a thread pool.
+            offset: centre cells of the future grids less the cells that hold the ego: 0, but 1 on an axis that has been
+                turned round, because a grid has a cell more to the west of its centre cell.
 
         Raises:
             UserError: if the context is smaller than the grid, or a future leaves it.
         """
-        scene, base = self._checked(mass, world, centre_cell, futures)
+        scene, base = self._checked(mass, world, centre_cell, futures, offset)
         distinct, weights = _distinct(futures, draws)
         parts = [range(n, len(distinct), CHUNKS) for n in range(min(CHUNKS, len(distinct)))]
         sums = np.zeros((len(parts), futures.shape[1], *mass.shape[1:]), np.float32)
@@ -109,10 +116,10 @@ class Rollout:
         def part(n: int) -> None:
             for k in parts[n]:
                 moved = self._carried_on(movers, draws, distinct[k], futures.shape[1])
-                self._roll(sums[n], mass, scene, base, centre_cell, futures[distinct[k]], weights[k], moved)
+                self._roll(sums[n], mass, scene, base, centre_cell, futures[distinct[k]], weights[k], moved, offset)
 
         list(mapper(part, range(len(parts))))
-        forecast: Grids = sums.sum(axis=0)
+        forecast: Grids = np.minimum(sums.sum(axis=0), 1)  # rounding
         return forecast
 
     def samples(
@@ -125,25 +132,31 @@ class Rollout:
         movers: Movers | None = None,
         draws: FloatArray | None = None,
         mapper: Mapper = map,
+        offset: tuple[int, int] = (0, 0),
     ) -> Grids:
         """Forecasts (K, N, H, W), one for each future, in a world whose hits are drawn, frame by frame.
 
         Args, Raises: as `expected`; `generator` draws the hits.
         """
-        scene, base = self._checked(mass, world, centre_cell, futures)
+        scene, base = self._checked(mass, world, centre_cell, futures, offset)
         K, N, _ = futures.shape
         drawn = np.zeros((K, N, *mass.shape[1:]), np.float32)
-        seeds = [int(seed) for seed in generator.integers(1, 1 << 63, size=K)]
+        seeds: list[int] = np.asarray(generator.integers(1, 1 << 63, size=K)).tolist()
 
         def sample(k: int) -> None:
             moved = self._carried_on(movers, draws, k, N)
-            self._roll(drawn[k], mass, scene, base, centre_cell, futures[k], 1.0, moved, seeds[k])
+            self._roll(drawn[k], mass, scene, base, centre_cell, futures[k], 1.0, moved, offset, seeds[k])
 
         list(mapper(sample, range(K)))
         return drawn
 
     def _checked(
-        self, mass: Mass, world: World, centre_cell: NDArray[np.integer], futures: FloatArray
+        self,
+        mass: Mass,
+        world: World,
+        centre_cell: NDArray[np.integer],
+        futures: FloatArray,
+        offset: tuple[int, int],
     ) -> tuple[World, NDArray[np.int64]]:
         """The world, with a rim where futures leave it, and the lattice cell of its south-west corner."""
         cells, half = self.grid.cells, self.grid.half
@@ -161,7 +174,7 @@ class Rollout:
         if not (np.abs(centres) < 2**31).all():
             raise UserError("a future pose is not finite, or beyond every lattice; check the poses")
         base = np.asarray(centre_cell, np.int64) - W // 2
-        corner = centres.astype(np.int64) - half - base
+        corner = centres.astype(np.int64) + offset - half - base
         short = int(max(-corner.min(), corner.max() + cells - W, 0))
         if short:
             if self.beyond is None:
@@ -185,6 +198,7 @@ class Rollout:
         future: FloatArray,
         weight: float,
         moved: Moved,
+        offset: tuple[int, int],
         seed: int = 0,
     ) -> None:
         """Add `weight` times the forecast of one future to `out` (N, H, W); hits are drawn if there is a `seed`."""
@@ -201,7 +215,7 @@ class Rollout:
         place = (*self.sensor, self.sensor_heading, self.grid.resolution)
         reals = (np.float32(v) for v in (self.least, self.clump, self.remembered, weight))
         numbers = (*reals, np.uint64(seed))
-        roll(out, mass, hit, seen, share, base, start, future, place, self.body, masses, numbers, *moved)
+        roll(out, mass, hit, seen, share, base, start, future, offset, place, self.body, masses, numbers, *moved)
 
     def _carried_on(self, movers: Movers | None, draws: FloatArray | None, k: int, horizons: int) -> Moved:
         """Where the movers of future `k` are."""
