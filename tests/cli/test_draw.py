@@ -15,6 +15,7 @@ from envpred.models import LastFrame, MovedLastFrame
 from envpred.models.forecaster import Forecaster
 from tests.drives.synthetic import write_drive
 from tests.models.trainers import grids, trainer
+from tests.results.predictions import FORECAST, folder_of
 from tests.store.stores import write_store
 
 DRIVE = "2011_09_26_drive_0001_sync"
@@ -109,6 +110,15 @@ def test_mistakes_get_one_line(folders: Folders, store: Path, tmp_path: Path) ->
         with pytest.raises(UserError, match=line):
             call()
     assert not out.exists()
+
+
+def test_horizons_are_multiples_of_the_predictions_own_period(tmp_path: Path) -> None:
+    folder_of(tmp_path / "fast", FORECAST)
+    out = tmp_path / "strip.png"
+    draw([tmp_path / "fast"], out, horizons=[0.05, 0.15])
+    assert out.is_file()
+    with pytest.raises(UserError, match=r"--horizons 0\.2: give multiples of 0\.05 s up to 0\.15 s"):
+        draw([tmp_path / "fast"], out, horizons=[0.2])
 
 
 def test_the_command(folders: Folders, store: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

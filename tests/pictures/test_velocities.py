@@ -86,4 +86,5 @@ def test_strip_shows_the_datas_own_metres_and_seconds() -> None:
         "1.0 s",
         "1.5 s",
     ]
-    assert all(ax.get_xlim() == (-2.25, 1.75) for ax in fig.axes if ax.axison)
+    extents = [tuple(image.get_extent()) for ax in fig.axes for image in ax.images]
+    assert extents == [(-2.25, 1.75, -2.25, 1.75)] * 9

@@ -1,17 +1,21 @@
 """What a test run draws, on the page of a report."""
 
 import re
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from envpred.callbacks.pictures import Pictures
-from envpred.models import LastFrame
+from envpred.models import LastFrame, MovedLastFrameOracle
 from envpred.report import report
 from envpred.report.pictures import compared_scenes
 from envpred.report.runs import read_runs
 from tests.models.trainers import grids, trainer
+from tests.report.conftest import draw_windows
 from tests.store.stores import write_store
+
+MakeRun = Callable[..., Path]
 
 
 def test_velocities_of_a_test_run_reach_the_report(tmp_path: Path) -> None:
@@ -24,3 +28,12 @@ def test_velocities_of_a_test_run_reach_the_report(tmp_path: Path) -> None:
     assert captions == [f"window {n} {kind}" for n in (0, 1) for kind in ("errors", "velocity")]
     scene, _ = compared_scenes(read_runs([tmp_path / "run"]))
     assert (scene.resolution, scene.period) == pytest.approx((1 / 3, 0.1))
+
+
+def test_oracles_are_known_in_the_windows_that_are_compared(make_run: MakeRun) -> None:
+    runs = [make_run(), make_run(MovedLastFrameOracle, "dst_static", level=0.01)]
+    for folder in runs:
+        draw_windows(folder)
+    for scene in compared_scenes(read_runs(runs)):
+        assert list(scene.forecasts) == ["prednet (dst_static)", "moved_last_frame_oracle (dst_static)", "static"]
+        assert scene.oracles == {"moved_last_frame_oracle (dst_static)"}

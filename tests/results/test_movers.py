@@ -41,6 +41,7 @@ def test_sizes_are_metres_and_times_seconds() -> None:
     occupancy, centre_cell = window()
     assert movers(occupancy, centre_cell, 8, resolution=1.5, period=0.1) == []
     assert movers(occupancy, centre_cell, 8, resolution=0.05, period=0.1) == []
+    assert movers(occupancy, centre_cell, 8, resolution=0.25, period=0.1) == []  # within 3 m: of the ego itself
     (half,) = movers(occupancy, centre_cell, 8, resolution=0.5, period=0.1)
     assert half.radius == pytest.approx(1 + 2)  # one cell from its centre, and a metre
     # At 5 Hz half a second is two frames: the frame before frame 6 that is looked at is that at 4, not at 1.

@@ -1,0 +1,37 @@
+"""A folder of predictions as a scene: what its manifest says, and what the store adds."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from envpred.mapping.evidence import pignistic
+from tests.results.predictions import FORECAST, folder_of, store_of
+
+
+@pytest.mark.parametrize(("role", "bound"), [("learned", set()), ("oracle", {"mine (dst_static)"})])
+def test_cells_period_and_role_are_the_manifests(tmp_path: Path, role: str, bound: set[str]) -> None:
+    scene = folder_of(tmp_path, FORECAST, role=role).scene(0)
+    assert (scene.resolution, scene.period) == (0.2, 0.05)
+    assert scene.oracles == bound
+    assert len(scene.seen) == 0
+
+
+@pytest.mark.parametrize("context", [None, 16])
+def test_the_wider_grid_is_shown_if_the_forecaster_read_it(tmp_path: Path, context: int | None) -> None:
+    random = np.random.default_rng(0)
+    arrays: dict[str, NDArray[Any]] = {
+        "evidence": 0.5 * random.random((7, 2, 8, 8)),
+        "context_evidence": 0.5 * random.random((7, 2, 16, 16)),
+        "centre_cell": np.arange(14).reshape(7, 2),
+    }
+    scene = folder_of(tmp_path, FORECAST, data={"context": context}).scene(0, store_of(arrays))
+    assert (len(scene.seen), len(scene.target)) == (2, 2)
+    np.testing.assert_allclose(scene.seen, pignistic(arrays["evidence"][3:5]), rtol=1e-6)
+    if context is None:
+        assert scene.context is None
+    else:
+        assert scene.context is not None
+        np.testing.assert_allclose(scene.context, pignistic(arrays["context_evidence"][4]), rtol=1e-6)
