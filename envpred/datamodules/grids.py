@@ -250,6 +250,11 @@ class GridDataModule(LightningDataModule):
             names |= {f"{CONTEXT}label", f"{CONTEXT}evidence"}
         return sorted(names - {"label", "centre_cell", "pose", "time"})
 
+    def velocity_frame(self) -> str | None:
+        """What the store's velocities are relative to, `ego` or `ground`; None if it has none."""
+        parameters = Store(self.store).parameters("dogma")
+        return parameters.get("filter", {}).get("frame", "ego") if parameters else None
+
     def grids(self) -> dict[str, Any]:
         """What kind of grids these are: time base, cell, cells a side, and of the wide grid if it is read."""
         context = self._example.context if self.needs.context else None

@@ -4,6 +4,7 @@ from envpred.models.baselines import LastFrame, MovedLastFrame, MovedLastFrameOr
 from envpred.models.fcn import FCNForecaster
 from envpred.models.forecaster import Forecaster
 from envpred.models.prednet import PredNetForecaster
+from envpred.models.rollout import RolloutForecaster, RolloutOracle
 
 __all__ = [
     "FCNForecaster",
@@ -13,4 +14,6 @@ __all__ = [
     "MovedLastFrameOracle",
     "ParticleForecast",
     "PredNetForecaster",
+    "RolloutForecaster",
+    "RolloutOracle",
 ]

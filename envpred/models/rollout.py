@@ -1,0 +1,170 @@
+"""The future measured again: the world as it was seen, scanned from where the ego will be, without anything learned."""
+
+from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
+from typing import ClassVar, Literal
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from envpred.datamodules import Forecast, Needs, Role, Seen
+from envpred.errors import UserError
+from envpred.mapping import hit_rates
+from envpred.mapping.ego_motion import EgoMotion, ego_futures
+from envpred.mapping.evidence import PAPER
+from envpred.mapping.geometry import FloatArray, GridSpec
+from envpred.mapping.movers import Movers, Moving
+from envpred.mapping.rollout import Rollout
+from envpred.mapping.world import World, label_world
+from envpred.models.forecaster import Forecaster
+
+Window = Mapping[str, NDArray[np.generic]]  # what is seen of one window, as arrays
+
+
+class RolloutForecaster(Forecaster):
+    """Casts the sensor's rays from where the ego will be into the world as it was seen, and fuses what they meet.
+
+    The forecast is the expected evidence over a number of ego futures: constant turn rate and acceleration, with errors
+    (see `envpred.mapping.rollout` and `envpred.mapping.ego_motion`).
+
+    Args:
+        variant: input variant; the forecast is made of labels and evidence whatever it is.
+        given: frames shown.
+        futures: of the ego that are averaged over; 1 is the likeliest alone.
+        world: what rays meet: the occupied cells of the last `label` grid, or `hits` as often as the frames shown say.
+        context: look beyond the judged grid.
+        movers: carry on what moves by its velocity; needs velocities relative to the ground.
+        samples: draw single futures beside their mean.
+        seed: of the futures.
+    """
+
+    role: ClassVar[Role] = "rollout"
+
+    def __init__(
+        self,
+        variant: str = "dst_static",
+        given: int = 5,
+        futures: int = 16,
+        world: Literal["label", "hits"] = "hits",
+        context: bool = True,
+        movers: bool = False,
+        samples: bool = False,
+        seed: int = 0,
+    ) -> None:
+        super().__init__(variant, given)
+        self.save_hyperparameters()
+        if futures < 1:
+            raise UserError(f"--model.futures {futures}: give at least 1")
+        arrays = ["evidence", *(["context_evidence"] if context else [])]
+        arrays += ["velocity", "velocity_cov"] if movers else []
+        self.needs = Needs(tuple(arrays), context, self.needs.future_pose)
+
+    def setup(self, stage: str) -> None:
+        super().setup(stage)
+        if self.hparams["movers"] and self.dataset.velocity_frame() != "ground":
+            raise UserError(
+                f"{self.dataset.store}: its velocities are relative to the ego, movers need those relative to the "
+                "ground; build a store with `envpred grids --config configs/grids/ground_velocity.yaml`, or give "
+                "--model.movers false"
+            )
+
+    def forecast(self, seen: Seen, horizons: int) -> Forecast:
+        windows = [self._window(seen, b) for b in range(len(seen["pose"]))]
+        with ThreadPoolExecutor(max(1, torch.get_num_threads())) as pool:
+            found = [self._rolled(window, self.ego(window, horizons), pool) for window in windows]
+        device = seen["pose"].device
+        probability = torch.from_numpy(np.stack([mean for mean, _ in found])).to(device)
+        drawn = [samples for _, samples in found if samples is not None]
+        return Forecast(probability, samples=torch.from_numpy(np.stack(drawn)).to(device) if drawn else None)
+
+    def ego(self, window: Window, horizons: int) -> FloatArray:
+        """Futures (K, horizons, 3) of the ego: x and y in cells of the lattice, heading in radians."""
+        poses, times = np.asarray(window["pose"], np.float64), np.asarray(window["time"], np.float64)
+        generator, resolution = np.random.default_rng(self.hparams["seed"]), float(window["resolution"])
+        return ego_futures(poses, times, horizons, self.hparams["futures"], generator, EgoMotion(), resolution)
+
+    def _rolled(
+        self, window: Window, futures: FloatArray, pool: ThreadPoolExecutor
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
+        """The forecast (N, H, W) of one window, and its samples (K, N, H, W) where they are asked for."""
+        mass, centre = np.asarray(window["evidence"][-1], np.float32), np.asarray(window["centre_cell"][-1])
+        rollout, (world, movers) = self._sensor(window), self._scene(window, futures)
+        # A stream of its own, so that what moves does not change where the ego goes.
+        generator = np.random.default_rng([self.hparams["seed"], 1])
+        draws = generator.standard_normal((len(futures), 2)) if movers is not None else None
+        mean = rollout.expected(mass, world, centre, futures, movers, draws, pool.map)
+        if not self.hparams["samples"]:
+            return mean, None
+        return mean, rollout.samples(mass, world, centre, futures, generator, movers, draws, pool.map)
+
+    def _sensor(self, window: Window) -> Rollout:
+        """The sensor and the mapping that the future is measured with."""
+        east, north, heading = (float(value) for value in window["sensor"])
+        rear, front, half_width = (float(value) for value in window["body"])
+        period, cells = float(window["period"]), window["label"].shape[-1]
+        return Rollout(
+            sensor=(east, north),
+            sensor_heading=heading,
+            grid=GridSpec(cells, float(window["resolution"])),
+            body=(rear, front, half_width),
+            evidence=PAPER.at(period),
+            period=period,
+            beyond=0.0,  # what lies beyond the context is not known, and most of the world is free
+        )
+
+    def _scene(self, window: Window, futures: FloatArray) -> tuple[World, Movers | None]:
+        """What the rays meet on the context grid: what stands, and what moves if that is told apart."""
+        label, mass = self._context(window)
+        centre_cells, judged = np.asarray(window["centre_cell"], np.int64), np.asarray(window["label"][-1], np.uint8)
+        if self.hparams["world"] == "label":
+            world = label_world(label[-1])
+        else:
+            pose, resolution, period = (window[name] for name in ("pose", "resolution", "period"))
+            last, cells = np.asarray(pose[-1], np.float64), judged.shape[-1]
+            rates = hit_rates.default()
+            world = rates.world(label, centre_cells, mass, futures, last, float(resolution), cells, float(period))
+        if not self.hparams["movers"]:
+            return world, None
+        velocity, covariance = (np.asarray(window[name][-1], np.float32) for name in ("velocity", "velocity_cov"))
+        return Moving().split(world, judged, velocity, covariance, centre_cells[-1], futures.shape[1], "ground")
+
+    def _context(self, window: Window) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+        """Labels (T, W, W) and last masses (2, W, W) of all that is known; the judged grid's where there is one."""
+        judged, mass = np.asarray(window["label"], np.uint8), np.asarray(window["evidence"][-1], np.float32)
+        if not self.needs.context:
+            return judged, mass
+        label, wide = np.array(window["context_label"], np.uint8), np.array(window["context_evidence"][-1], np.float32)
+        margin = (label.shape[-1] - judged.shape[-1]) // 2
+        inside = (..., slice(margin, margin + judged.shape[-1]), slice(margin, margin + judged.shape[-1]))
+        label[inside], wide[inside] = judged, mass
+        return label, wide
+
+    def _window(self, seen: Seen, b: int) -> Window:
+        """Window `b` of what is seen, as arrays."""
+        names = (
+            "pose",
+            "time",
+            "centre_cell",
+            "label",
+            "sensor",
+            "body",
+            "resolution",
+            "period",
+            "context_label",
+            "future_pose",
+        )
+        fields: dict[str, Tensor] = {name: seen[name] for name in names if name in seen}  # type: ignore[literal-required]
+        fields |= seen["arrays"]
+        return {name: field[b].cpu().numpy() for name, field in fields.items()}
+
+
+class RolloutOracle(RolloutForecaster):
+    """The rollout from where the ego truly was: what a perfect plan would be worth."""
+
+    role: ClassVar[Role] = "oracle"
+    needs = Needs(future_pose=True)
+
+    def ego(self, window: Window, horizons: int) -> FloatArray:
+        return np.asarray(window["future_pose"], np.float64)[None, :horizons]
