@@ -16,7 +16,7 @@ from jsonargparse import DefaultHelpFormatter, Namespace
 from lightning.pytorch.cli import LightningArgumentParser, LightningCLI
 
 from envpred import __version__
-from envpred.callbacks import Pictures, PredictionWriter, ResultWriter
+from envpred.callbacks import Pictures, PredictionWriter, ResultWriter, Validations
 from envpred.cli.commands import COMMANDS
 from envpred.cli.configs import portable
 from envpred.datamodules import GridDataModule
@@ -139,7 +139,7 @@ def lightning(args: list[str] | None = None, kind: type[C] = EnvpredCLI, run: bo
         auto_configure_optimizers=False,
         load_from_checkpoint_support=False,
         save_config_kwargs={"overwrite": True},
-        trainer_defaults={"callbacks": [Pictures()], "log_every_n_steps": 10},
+        trainer_defaults={"callbacks": [Pictures(), Validations()], "log_every_n_steps": 10},
         parser_kwargs={
             "prog": "envpred",
             "version": __version__,

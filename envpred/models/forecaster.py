@@ -193,6 +193,7 @@ class Forecaster(LightningModule):
         found = self.scored()
         mse, static = found["mse"], found["static_mse"]
         self.log("val/mse", mse.mean.mean().float(), prog_bar=True)
+        self.log("static/mse", static.mean.mean().float())
         self.log("val/skill", (1 - mse.mean.mean() / static.mean.mean()).float())
         for step, name in self._shown():
             self.log(f"val/mse_{name}", mse.mean[step - 1].float())

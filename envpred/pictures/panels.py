@@ -101,8 +101,7 @@ def mark_oracle(row: Sequence[Axes]) -> None:
 
 def colour_bar(last: Axes, image: AxesImage, name: str) -> None:
     """The scale of an `image`'s colours, at the right of the `last` panel of its row."""
-    fig, place = last.get_figure(root=True), last.get_position()
-    assert fig is not None
+    fig, place = last.figure.canvas.figure, last.get_position()  # also of a panel in a subfigure
     inch = 1 / fig.get_figwidth()
     bar = fig.add_axes((place.x1 + 0.15 * inch, place.y0, 0.14 * inch, place.height))
     fig.colorbar(image, cax=bar)

@@ -1,4 +1,4 @@
-"""What a run of `envpred fit` tells while it goes on: its validations, read from its TensorBoard events."""
+"""What a run of `envpred fit` tells while it goes on: its validations, from the file that it replaces after each."""
 
 import math
 from collections.abc import Mapping
@@ -6,13 +6,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from tensorboard.backend.event_processing.event_accumulator import IMAGES, SCALARS, EventAccumulator
-
 from envpred.errors import UserError
-from envpred.models.checkpoints import read_checkpoint
+from envpred.results.validations import Validation, read_validations
 
-METRIC = "val/mse"  # mean over the horizons
-BEST = ("best.ckpt", "best_t1.ckpt")  # of the final stage, if there is one, else of the only one
 RUNGS = 10
 
 
@@ -34,45 +30,31 @@ class Progress:
 
     folder: Path
     epochs: int
-    events: EventAccumulator | None = None
     told: int = field(default=0)
 
     def new_rungs(self) -> dict[int, float]:
         """Tenths of the schedule (1 ... 10) completed since the last call, each with the newest error by then."""
-        values = self.validations()
         rungs: dict[int, float] = {}
-        for epoch, _, value in values:
-            reached = min(RUNGS, math.floor(RUNGS * (epoch + 1) / max(self.epochs, 1) + 1e-9))
-            rungs |= dict.fromkeys(range(self.told + 1, reached + 1), value)
+        for validation in self.validations():
+            reached = min(RUNGS, math.floor(RUNGS * (validation["epoch"] + 1) / max(self.epochs, 1) + 1e-9))
+            rungs |= dict.fromkeys(range(self.told + 1, reached + 1), validation["val_mse"])
             self.told = max(self.told, reached)
         return rungs
 
-    def validations(self) -> list[tuple[int, int, float]]:
-        """Epoch, training step and error of every validation so far."""
-        if self.events is None:
-            if not any(self.folder.glob("events.out.tfevents.*")):
-                return []
-            self.events = EventAccumulator(str(self.folder), size_guidance={SCALARS: 0, IMAGES: 1})
-        self.events.Reload()
-        if METRIC not in self.events.Tags()["scalars"]:
-            return []
-        epochs = {event.step: int(event.value) for event in self.events.Scalars("epoch")}
-        found = [(event.step, float(event.value)) for event in self.events.Scalars(METRIC)]
-        return [(epochs.get(step, place), step, value) for place, (step, value) in enumerate(found)]
+    def validations(self) -> list[Validation]:
+        """Every validation so far."""
+        return read_validations(self.folder).validations
 
     def score(self) -> float:
-        """The error of the best checkpoint of the final stage.
+        """The mean squared error, over windows and horizons, of the best checkpoint of the final stage.
 
         Raises:
             UserError: if there is none, or it is not finite.
         """
-        files = [self.folder / "checkpoints" / name for name in BEST]
-        file = next((file for file in files if file.is_file()), None)
-        values = self.validations()
-        if file is None or not values:
+        chosen = read_validations(self.folder).chosen()
+        if chosen is None:
             raise UserError("the run left no best checkpoint or no validation")
-        step = read_checkpoint(file)["global_step"]
-        value = [value for _, at, value in values if at <= step][-1]
+        value = chosen.validation["val_mse"]
         if not math.isfinite(value):
-            raise UserError(f"{METRIC} of the best checkpoint is {value}")
+            raise UserError(f"the validation error of {chosen.checkpoint} is {value}")
         return value

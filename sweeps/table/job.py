@@ -12,10 +12,10 @@ from envpred.cli.arguments import FitArguments
 from envpred.datamodules import GridDataModule
 from envpred.errors import UserError
 from envpred.results.result import RESULT
+from envpred.results.validations import read_validations
 from envpred.store import digest
 from sweeps.runs import processes
 from sweeps.runs.files import replace_text
-from sweeps.runs.progress import BEST
 from sweeps.runs.trial import as_yaml, failure, logged_to
 from sweeps.table.plan import Run
 
@@ -74,8 +74,8 @@ class Job:
             last = checkpoints / "last.ckpt"
             self._call("fit", *([f"--ckpt_path={last}"] if last.exists() else []))
             (self.folder / TRAINED).touch()
-        best = next((checkpoints / name for name in BEST if (checkpoints / name).exists()), None)
-        self._call("test", *([f"--ckpt_path={best}"] if best else []))
+        best = read_validations(self.folder).chosen() if self.run.trains else None
+        self._call("test", *([f"--ckpt_path={checkpoints / best.checkpoint}"] if best else []))
         if not self.result.exists():
             raise UserError(f"{self.folder}: `envpred test` left no {RESULT}; see test.log there")
         seconds = time.monotonic() - start

@@ -3,7 +3,6 @@
 from pathlib import Path
 
 import pytest
-import torch
 
 from envpred.cli.arguments import FitArguments
 from tests.store.stores import write_store
@@ -41,18 +40,9 @@ def space_file(tmp_path: Path) -> Path:
     return file
 
 
-@pytest.fixture(scope="session")
-def checkpoint(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """What stands for the best checkpoint of stubbed runs, of their 20th step: the second validation of three."""
-    file = tmp_path_factory.mktemp("checkpoint") / "best.ckpt"
-    torch.save({"state_dict": {}, "global_step": 20}, file)
-    return file
-
-
 @pytest.fixture
-def stubbed(checkpoint: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def stubbed(monkeypatch: pytest.MonkeyPatch) -> None:
     """Trials of `sweeps.tune` train nothing."""
-    monkeypatch.setenv("STUB_CHECKPOINT", str(checkpoint))
     monkeypatch.setattr("sweeps.tune.fit_command", stub.command)
 
 

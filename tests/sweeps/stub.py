@@ -1,11 +1,10 @@
 """`python -m tests.sweeps.stub ...`: sweeps.tune whose trials train nothing, but leave what `envpred fit` leaves.
 
-The error is a function of the learning rate.  $STUB_SECONDS is how long a trial takes, $STUB_CHECKPOINT the file that
-stands for its best checkpoint (of step 20), and $STUB_FAIL what trials of a large learning rate say when they fail.
+The error is a function of the learning rate, the second validation is the best checkpoint's.  $STUB_SECONDS is how long
+a trial takes, and $STUB_FAIL what trials of a large learning rate say when they fail.
 """
 
 import os
-import shutil
 import sys
 import time
 from pathlib import Path
@@ -15,27 +14,27 @@ STEPS = 10  # a validation
 
 
 def train(config: Path, folder: Path) -> None:
-    """What a run of `envpred fit` leaves: validations in TensorBoard's events, and the best checkpoint."""
+    """What a run of `envpred fit` leaves: its validations, and which of them the best checkpoint is of."""
     import yaml
-    from tensorboard.compat.proto.event_pb2 import Event
-    from tensorboard.compat.proto.summary_pb2 import Summary
-    from tensorboard.summary.writer.event_file_writer import EventFileWriter
+
+    from envpred.results.validations import VALIDATIONS, History
+    from envpred.store.files import write_json
 
     model = yaml.safe_load(config.read_text())["model"]["init_args"]
     epochs = model["t1_epochs"] + model["t5_epochs"]
     if os.environ.get("STUB_FAIL") and model["t1_lr"] > 1e-3:
         print("loading\nenvpred: " + os.environ["STUB_FAIL"])
         sys.exit(1)
-    writer = EventFileWriter(str(folder))
+    history = History([], {})
     for epoch in range(epochs):
         time.sleep(float(os.environ.get("STUB_SECONDS", "0")) / epochs)
-        for tag, value in (("epoch", epoch), ("val/mse", model["t1_lr"] * (epochs - epoch))):
-            summary = Summary(value=[Summary.Value(tag=tag, simple_value=value)])
-            writer.add_event(Event(step=STEPS * (epoch + 1) - 1, wall_time=time.time(), summary=summary))
-        writer.flush()
-    writer.close()
-    (folder / "checkpoints").mkdir()
-    shutil.copy(os.environ["STUB_CHECKPOINT"], folder / "checkpoints" / "best.ckpt")
+        mse = model["t1_lr"] * (epochs - epoch)
+        history.validations.append(
+            {"epoch": epoch, "step": STEPS * epoch, "stage": None, "val_mse": mse, "static_mse": 1.0, "horizons": {}}
+        )
+        write_json(folder / VALIDATIONS, history.as_json())
+    history.best["best.ckpt"] = {"monitor": "val/loss", "score": 0.5, "validation": 1}
+    write_json(folder / VALIDATIONS, history.as_json())
 
 
 def command(config: Path, folder: Path) -> list[str]:

@@ -44,9 +44,8 @@ def test_a_cluster_runs_the_command_and_says_why_it_fails(cluster: str, tmp_path
 
 @pytest.mark.slow
 def test_every_worker_of_a_cluster_joins(
-    cluster: str, store: Path, space_file: Path, tmp_path: Path, checkpoint: Path, monkeypatch: pytest.MonkeyPatch
+    cluster: str, store: Path, space_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setenv("STUB_CHECKPOINT", str(checkpoint))
     monkeypatch.setenv("STUB_SECONDS", "1")
     options = {
         "variant": "dst_static",

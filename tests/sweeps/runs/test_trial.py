@@ -1,5 +1,6 @@
 """One trial: what is left beside its log, what it is worth, and why it failed."""
 
+import csv
 import os
 import signal
 import sys
@@ -9,8 +10,11 @@ from pathlib import Path
 
 import pytest
 
+from envpred.cli import main
 from envpred.cli.arguments import FitArguments
 from envpred.errors import UserError
+from envpred.results.validations import VALIDATIONS, History
+from envpred.store.files import write_json
 from sweeps.runs import processes
 from sweeps.runs.progress import Progress, epochs_of
 from sweeps.runs.trial import CONFIG, LOG, Runner, TrialFailedError, failure, fit, logged_to
@@ -22,18 +26,27 @@ def script(text: str) -> Callable[[Path, Path], list[str]]:
     return lambda config, folder: [sys.executable, "-c", text]
 
 
+def write(folder: Path, validations: list[tuple[str, float]], best: dict[str, int]) -> None:
+    """A file of validations (stage, error)."""
+    history = History(
+        [
+            {"epoch": k, "step": k, "stage": stage, "val_mse": mse, "static_mse": 1.0, "horizons": {}}
+            for k, (stage, mse) in enumerate(validations)
+        ],
+        {name: {"monitor": "val/loss", "score": 0.0, "validation": place} for name, place in best.items()},
+    )
+    write_json(folder / VALIDATIONS, history.as_json())
+
+
 def ignore(*told: object) -> None:
     pass
 
 
-def test_a_trial_is_worth_its_best_checkpoints_validation(
-    fit: FitArguments, tmp_path: Path, checkpoint: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("STUB_CHECKPOINT", str(checkpoint))  # of the second of three validations
+def test_a_trial_is_worth_its_best_checkpoints_validation(fit: FitArguments, tmp_path: Path) -> None:
     rungs: list[tuple[int, float]] = []
     config = fit.complete({"model.t1_lr": 0.01})
     value = Runner(tmp_path, stub.command).run(7, config, lambda *told: rungs.append(told), ignore)
-    assert value == pytest.approx(0.02)
+    assert value == pytest.approx(0.02)  # the second of three validations
     assert [rung for rung, _ in rungs] == list(range(1, 11))
     # Epochs end at 33 %, 67 % and 100 %; a tenth is told with the validation that completed it.
     assert [round(100 * value) for _, value in rungs] == [3, 3, 3, 2, 2, 2, 1, 1, 1, 1]
@@ -48,17 +61,44 @@ def test_epochs_are_those_of_all_stages_at_most_the_trainers(fit: FitArguments) 
 
 
 def test_a_real_run_is_read_right(fit: FitArguments, tmp_path: Path) -> None:
-    """Lightning's own events and checkpoint: the validation at the step of the best one."""
-    import torch
-
+    """Its score is the error of the best checkpoint, validated once more."""
     arguments = {"model.channels": [4], "data.samples": 2, "model.t5_lr": 0.02, "model.t5_epochs": 3}
     value = Runner(tmp_path).run(0, fit.complete(arguments), ignore, ignore)
-    progress = Progress(tmp_path / "0000", 4)
-    validations = progress.validations()
-    assert [epoch for epoch, _, _ in validations] == [0, 1, 2, 3]
-    best = torch.load(tmp_path / "0000" / "checkpoints" / "best.ckpt", weights_only=True)
-    assert value == validations[best["epoch"]][2] == progress.score()
-    assert (tmp_path / "0000" / "config.yaml").exists()
+    folder = tmp_path / "0000"
+    progress = Progress(folder, 4)
+    assert [(found["epoch"], found["stage"]) for found in progress.validations()] == [
+        (0, "t1"),
+        (1, "t5"),
+        (2, "t5"),
+        (3, "t5"),
+    ]
+    assert value == progress.score()
+    checkpoint = f"--ckpt_path={folder / 'checkpoints' / 'best.ckpt'}"
+    again = tmp_path / "again"
+    logger = ["--trainer.logger=CSVLogger", f"--trainer.logger.save_dir={again}"]
+    main(["validate", f"--config={folder / CONFIG}", checkpoint, *logger, "--trainer.enable_progress_bar=false"])
+    (metrics,) = again.rglob("metrics.csv")
+    (row,) = csv.DictReader(metrics.open())
+    assert value == pytest.approx(float(row["val/mse"]), rel=1e-5)
+
+
+def test_a_score_that_is_no_number_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match="no best checkpoint"):
+        Progress(tmp_path, 2).score()
+    write(tmp_path, [("t1", 0.5), ("t5", float("nan"))], {"best_t1.ckpt": 0, "best.ckpt": 1})
+    with pytest.raises(UserError, match=r"best\.ckpt is nan"):
+        Progress(tmp_path, 2).score()
+
+
+def test_the_score_is_of_the_final_stage(tmp_path: Path) -> None:
+    """Also where an earlier stage had a lower error, or a checkpoint of another name is all there is."""
+    write(tmp_path, [("t1", 0.1), ("t5", 0.4), ("t5", 0.3)], {"best_t1.ckpt": 0, "best.ckpt": 2})
+    assert Progress(tmp_path, 3).score() == 0.3
+    write(tmp_path, [("t1", 0.1), ("t1", 0.2)], {"best_t1.ckpt": 0})
+    assert Progress(tmp_path, 2).score() == 0.1
+    write(tmp_path, [("t1", 0.1), ("t5", 0.4)], {"best_t1.ckpt": 0})
+    with pytest.raises(UserError, match="no best checkpoint"):
+        Progress(tmp_path, 2).score()
 
 
 @pytest.mark.parametrize(

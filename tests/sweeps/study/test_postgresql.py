@@ -69,12 +69,9 @@ def url() -> Iterator[str]:
 
 
 @pytest.mark.slow
-def test_a_worker_is_killed_in_mid_trial(
-    url: str, store: Path, space_file: Path, tmp_path: Path, checkpoint: Path
-) -> None:
+def test_a_worker_is_killed_in_mid_trial(url: str, store: Path, space_file: Path, tmp_path: Path) -> None:
     args = tuning(store, space_file, tmp_path, "--trials=12", "--pruner=none", f"--storage={url}")
-    stubbed = {"STUB_CHECKPOINT": str(checkpoint), "STUB_SECONDS": "1"}
-    check_killed_study(tmp_path / NAME, args, url, "tests.sweeps.stub", **stubbed)
+    check_killed_study(tmp_path / NAME, args, url, "tests.sweeps.stub", STUB_SECONDS="1")
     assert f"# storage: {url}" in (tmp_path / NAME / BEST).read_text()
 
 

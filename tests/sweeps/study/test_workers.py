@@ -90,10 +90,9 @@ def check_killed_study(folder: Path, args: list[str], url: str | None, module: s
     assert (folder / BEST).exists()
 
 
-def test_a_worker_is_killed_in_mid_trial(store: Path, space_file: Path, tmp_path: Path, checkpoint: Path) -> None:
+def test_a_worker_is_killed_in_mid_trial(store: Path, space_file: Path, tmp_path: Path) -> None:
     args = tuning(store, space_file, tmp_path, f"--trials={TRIALS}", "--pruner=none")
-    stubbed = {"STUB_CHECKPOINT": str(checkpoint), "STUB_SECONDS": "1"}
-    check_killed_study(tmp_path / NAME, args, None, "tests.sweeps.stub", **stubbed)
+    check_killed_study(tmp_path / NAME, args, None, "tests.sweeps.stub", STUB_SECONDS="1")
 
 
 @pytest.mark.slow
@@ -103,12 +102,9 @@ def test_a_worker_is_killed_while_it_trains(store: Path, space_file: Path, tmp_p
 
 
 @pytest.mark.slow
-def test_ctrl_c_is_one_line_and_the_same_command_goes_on(
-    store: Path, space_file: Path, tmp_path: Path, checkpoint: Path
-) -> None:
+def test_ctrl_c_is_one_line_and_the_same_command_goes_on(store: Path, space_file: Path, tmp_path: Path) -> None:
     args = tuning(store, space_file, tmp_path, "--trials=1", "--pruner=none")
-    slow = {"STUB_CHECKPOINT": str(checkpoint), "STUB_SECONDS": "60"}
-    worker = start("tests.sweeps.stub", args, **slow)
+    worker = start("tests.sweeps.stub", args, STUB_SECONDS="60")
     folder = tmp_path / NAME
     assert builds.wait_for(lambda: running_of(folder, None, worker.pid), worker)
     time.sleep(0.3)
@@ -117,7 +113,7 @@ def test_ctrl_c_is_one_line_and_the_same_command_goes_on(
     assert worker.returncode == 130
     assert said.splitlines()[-1] == "sweeps.tune: interrupted; run the same command again to go on"
     assert "Traceback" not in said
-    worker = start("tests.sweeps.stub", args, **slow | {"STUB_SECONDS": "0"})
+    worker = start("tests.sweeps.stub", args)
     said, _ = worker.communicate(timeout=120)
     assert worker.returncode == 0, said
     first, second = trials_of(folder)

@@ -1,0 +1,96 @@
+"""Writes what each validation of a training found, and which of them the best checkpoints are of."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from lightning.pytorch import Callback, LightningModule, Trainer
+from lightning.pytorch.callbacks import ModelCheckpoint
+from lightning.pytorch.trainer.states import TrainerFn
+
+from envpred.errors import UserError
+from envpred.results.validations import VALIDATIONS, Best, History, Validation
+from envpred.store.files import write_json
+
+MSE, STATIC = "val/mse", "static/mse"  # means over the horizons; each horizon's own has its name after a `_`
+
+
+class Validations(Callback):
+    """Replaces `validations.json` in the run's folder after each validation (see `envpred.results.validations`).
+
+    What it knows is part of each checkpoint, so a resumed run goes on with the validations up to its checkpoint: those
+    that a killed run made after it are told once, and those of a run that is resumed in another folder are kept.
+    """
+
+    def __init__(self) -> None:
+        self.history = History([], {})
+
+    def on_fit_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
+        """Replace the file of an earlier run in the same folder."""
+        if not trainer.ckpt_path:
+            self.history = History([], {})
+        self._write(trainer)
+
+    def on_validation_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
+        self._note_checkpoints(trainer)
+
+    def on_validation_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
+        metrics = {name: float(value) for name, value in trainer.callback_metrics.items()}
+        if trainer.state.fn == TrainerFn.FITTING and not trainer.sanity_checking and MSE in metrics:
+            stage = getattr(pl_module, "stage", None)
+            self.history.validations.append(_validation(trainer.current_epoch, trainer.global_step, stage, metrics))
+            self._write(trainer)
+
+    def on_train_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
+        self._note_checkpoints(trainer)
+
+    def state_dict(self) -> dict[str, Any]:
+        return self.history.as_json()
+
+    def load_state_dict(self, state_dict: dict[str, Any]) -> None:
+        self.history = History(**state_dict)
+
+    def _note_checkpoints(self, trainer: Trainer) -> None:
+        """Note the newest validation for each checkpoint that it has improved.
+
+        Lightning lets checkpoints come last, so what a validation did to them shows before the next one.
+        """
+        place = len(self.history.validations) - 1
+        if trainer.state.fn != TrainerFn.FITTING or place < 0:
+            return
+        noted: dict[str, Best] = {}
+        for checkpoint in trainer.checkpoint_callbacks:
+            if not isinstance(checkpoint, ModelCheckpoint) or checkpoint.best_model_score is None:
+                continue  # the last one is kept whatever it is worth
+            name, score = Path(checkpoint.best_model_path).name, float(checkpoint.best_model_score)
+            known = self.history.best.get(name)
+            new: Best = {"monitor": str(checkpoint.monitor), "score": score, "validation": place}
+            noted[name] = known if known and known["score"] == score else new
+        if noted != self.history.best:
+            self.history = self.history._replace(best=noted)
+            self._write(trainer)
+
+    def _write(self, trainer: Trainer) -> None:
+        folder = Path(trainer.log_dir or trainer.default_root_dir)  # all processes agree on it together
+        if not trainer.is_global_zero or trainer.fast_dev_run:  # type: ignore[attr-defined]
+            return
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            write_json(folder / VALIDATIONS, self.history.as_json())
+        except OSError as error:
+            raise UserError(f"{folder / VALIDATIONS}: cannot be written ({error.strerror}); make room") from None
+
+
+def _validation(epoch: int, step: int, stage: str | None, metrics: Mapping[str, float]) -> Validation:
+    horizons = [name.removeprefix(f"{MSE}_") for name in metrics if name.startswith(f"{MSE}_")]
+    return {
+        "epoch": epoch,
+        "step": step,
+        "stage": stage,
+        "val_mse": metrics[MSE],
+        "static_mse": metrics[STATIC],
+        "horizons": {
+            horizon: {"val_mse": metrics[f"{MSE}_{horizon}"], "static_mse": metrics[f"{STATIC}_{horizon}"]}
+            for horizon in horizons
+        },
+    }

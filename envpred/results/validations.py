@@ -1,0 +1,70 @@
+"""What a training leaves of its validations: `validations.json` in the run's folder, replaced after each of them.
+
+    {"validations": [{"epoch": 0, "step": 500, "stage": "t1", "val_mse": 0.021, "static_mse": 0.024,
+                      "horizons": {"0.5s": {"val_mse": 0.014, "static_mse": 0.015}, ...}}, ...],
+     "best": {"best_t1.ckpt": {"monitor": "val/loss_t1", "score": 0.0312, "validation": 3}, ...}}
+
+`val_mse` and `static_mse`, the static baseline's, are means over windows and horizons.  The stage is null where a model
+has no stages.  `best` says of each checkpoint that a validation decides on which one that was: its place in the list.
+"""
+
+import json
+from pathlib import Path
+from typing import Any, NamedTuple, TypedDict
+
+VALIDATIONS = "validations.json"
+
+
+class Validation(TypedDict):
+    """One validation, after `step` steps of the optimiser."""
+
+    epoch: int
+    step: int
+    stage: str | None
+    val_mse: float
+    static_mse: float
+    horizons: dict[str, dict[str, float]]  # name of the horizon -> val_mse and static_mse
+
+
+class Best(TypedDict):
+    """Which validation a checkpoint is of, by its place, and the monitored score that it was chosen for."""
+
+    monitor: str
+    score: float
+    validation: int
+
+
+class Chosen(NamedTuple):
+    """The best checkpoint of the final stage, by its name in the run's folder `checkpoints`, and its validation."""
+
+    checkpoint: str
+    validation: Validation
+
+
+class History(NamedTuple):
+    """The validations of a run so far, and which of them the checkpoints are of."""
+
+    validations: list[Validation]
+    best: dict[str, Best]
+
+    def as_json(self) -> dict[str, Any]:
+        """What stands in the file."""
+        return {"validations": list(self.validations), "best": dict(self.best)}
+
+    def chosen(self) -> Chosen | None:
+        """The best checkpoint of the stage that the last validation is of; None where none was kept."""
+        if not self.validations:
+            return None
+        final = self.validations[-1]["stage"]
+        of_final = {name: self.validations[best["validation"]] for name, best in self.best.items()}
+        kept = [Chosen(name, validation) for name, validation in of_final.items() if validation["stage"] == final]
+        return kept[-1] if kept else None  # the model's own come after those that a user adds
+
+
+def read_validations(folder: Path) -> History:
+    """The validations of the run in `folder`, also while it goes on; none if it has not validated yet."""
+    try:
+        told = json.loads((folder / VALIDATIONS).read_text())
+    except FileNotFoundError:
+        return History([], {})
+    return History(told["validations"], told["best"])
