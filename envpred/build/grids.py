@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from tqdm import tqdm
@@ -20,6 +20,9 @@ from envpred.interrupts import ends_at_once
 from envpred.mapping.geometry import PAPER_SENSOR_OFFSET, FloatArray
 from envpred.mapping.mapper import Mapped, Mapper, MappingParameters
 from envpred.store import GROUPS, ArrayWriter, DriveWriter, Store, StoredDrive, sweep
+
+if TYPE_CHECKING:  # it brings torch along, which only velocities need
+    from envpred.mapping.dogma import DogmaParameters
 
 
 def build(
@@ -79,8 +82,14 @@ def build(
     say(f"{_drives(len(todo))}, {mapped} frames mapped into {store} in {time.monotonic() - start:.0f} s")
 
 
-def mapper_of(drive: Drive, parameters: MappingParameters, context: int | None = None) -> Mapper:
-    """A mapper for the scans of `drive`, on the lattice that its poses span."""
+def mapper_of(
+    drive: Drive,
+    parameters: MappingParameters,
+    context: int | None = None,
+    velocities: "DogmaParameters | None" = None,
+    with_forecast: bool = False,
+) -> Mapper:
+    """A mapper for the scans of `drive`, on the lattice that its poses span; see `Mapper` for the arguments."""
     return Mapper(
         parameters,
         drive.body,
@@ -89,6 +98,8 @@ def mapper_of(drive: Drive, parameters: MappingParameters, context: int | None =
         drive.period,
         sensor_height=drive.sensor_height,
         context=context,
+        velocities=velocities,
+        with_forecast=with_forecast,
     )
 
 

@@ -167,8 +167,8 @@ class StoredDrive:
     @property
     def context(self) -> GridSpec | None:
         """The wider grid around it, where the drive has one: the same lattice, the same centre cell."""
-        cells = self.manifest["lattice"]["context"]
-        return None if cells is None else GridSpec(cells, self.manifest["lattice"]["resolution"])
+        lattice = self.manifest["lattice"]
+        return GridSpec(lattice["context"], lattice["resolution"]) if self.has("context_label") else None
 
     @property
     def period(self) -> float:

@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from envpred.build import jobs
 from envpred.build.grids import build
 from envpred.cli import main
 from envpred.cli.commands import grids
@@ -16,6 +15,8 @@ from envpred.mapping.mapper import MappingParameters
 from envpred.store import Store
 from tests.build import builds
 from tests.drives.synthetic import write_drive
+
+pytestmark = pytest.mark.usefixtures("no_processes")
 
 A, B = (f"2011_09_26_drive_{number}_sync" for number in ("0001", "0002"))
 PARAMETERS = MappingParameters(GridSpec(cells=64))
@@ -27,11 +28,6 @@ def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
     write_drive(root, "0001", frames=8, missing_scans={3})
     write_drive(root, "0002", frames=6, seed=1)
     return root
-
-
-@pytest.fixture(autouse=True)
-def no_processes(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(jobs, "in_processes", lambda job, drives, _: ((0, job(d, lambda: None)) for d in drives))
 
 
 def arrays(store: Path) -> dict[str, np.ndarray]:

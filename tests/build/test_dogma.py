@@ -1,16 +1,25 @@
+from dataclasses import replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pytest
 import yaml
 
 from envpred.build.dogma import build_dogma
+from envpred.build.grids import build, mapped, mapper_of
 from envpred.datamodules import GridDataModule
+from envpred.drives import one_drive
 from envpred.errors import UserError
 from envpred.mapping.dogma import VELOCITY_SCALE, DogmaParameters
+from envpred.mapping.geometry import GridSpec
+from envpred.mapping.mapper import MappingParameters
 from envpred.mapping.particle_state import GROUND, ParticleFilterParameters
 from envpred.store import Store
+from tests.drives.synthetic import write_drive
 from tests.store.stores import write_store
+
+pytestmark = pytest.mark.usefixtures("no_processes")
 
 SMALL = DogmaParameters(ParticleFilterParameters(persistent=2000, births=200))
 
@@ -57,6 +66,24 @@ def test_same_parameters_same_bytes_and_a_gap_starts_anew(store: Path, tmp_path:
     np.testing.assert_array_equal(one, two)
     assert not np.array_equal(one[5], one[4])
     np.testing.assert_array_equal(one[6], 0)  # the first frame of a run has no persistent particles yet
+
+
+@pytest.mark.parametrize("frame", ["ego", "ground"])
+def test_the_mapper_makes_the_same_velocities_as_the_job(tmp_path: Path, frame: Literal["ego", "ground"]) -> None:
+    source = write_drive(tmp_path / "drives", frames=9, speed=8.0, weave=0.3, missing_scans={5})
+    parameters, mapping = replace(SMALL, filter=replace(SMALL.filter, frame=frame)), MappingParameters(GridSpec(64))
+    build(source, tmp_path / "grids", mapping, workers=1)
+    build_dogma(tmp_path / "grids", parameters, forecasts=["all"], workers=1)
+    drive = one_drive(source)
+    mapper = mapper_of(drive, mapping, velocities=parameters, with_forecast=True)
+    stored = Store(tmp_path / "grids").drives[drive.name]
+    for t, frame_ in enumerate(mapped(drive, mapper)):
+        made = frame_.velocities
+        assert made is not None
+        np.testing.assert_array_equal(made.velocity, stored.array("velocity")[t])
+        np.testing.assert_array_equal(made.covariance, stored.array("velocity_cov")[t])
+        np.testing.assert_array_equal(made.forecast, stored.array("particle_forecast")[t])
+    assert np.asarray(stored.array("particle_forecast")).any()
 
 
 def test_other_parameters_are_refused(store: Path) -> None:

@@ -5,7 +5,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from envpred.build import jobs
 from envpred.build.dogma import build_dogma
 from envpred.build.every import thinned
 from envpred.build.grids import build, mapped, mapper_of
@@ -19,14 +18,11 @@ from envpred.mapping.particle_state import ParticleFilterParameters
 from envpred.store import Store
 from tests.drives.synthetic import write_drive
 
+pytestmark = pytest.mark.usefixtures("no_processes")
+
 NAME = "2011_09_26_drive_0001_sync"
 PARAMETERS = MappingParameters(GridSpec(cells=64))
 SMALL = DogmaParameters(ParticleFilterParameters(persistent=500, births=50))
-
-
-@pytest.fixture(autouse=True)
-def no_processes(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(jobs, "in_processes", lambda job, drives, _: ((0, job(d, lambda: None)) for d in drives))
 
 
 def test_every_second_scan_of_20_hz_is_a_drive_of_10_hz(tmp_path: Path) -> None:

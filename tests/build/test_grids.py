@@ -21,6 +21,8 @@ from envpred.store import Store
 from tests.build import builds
 from tests.drives.synthetic import write_drive
 
+pytestmark = pytest.mark.usefixtures("no_processes")
+
 NAMES = [f"2011_09_26_drive_{number}_sync" for number in ("0001", "0002", "0003")]
 
 
@@ -39,14 +41,6 @@ def built(source: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     result = builds.run(source, store, "--workers", "1")
     assert result.returncode == 0, result.stderr
     return store
-
-
-@pytest.fixture(autouse=True)
-def no_processes(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Builds called here map in this process; those that `builds.run` starts use worker processes as ever."""
-    monkeypatch.setattr(
-        jobs, "in_processes", lambda job, drives, _: ((len(d.frames), job(d, lambda: None)) for d in drives)
-    )
 
 
 @pytest.fixture

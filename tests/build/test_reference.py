@@ -4,9 +4,10 @@ from pathlib import Path
 
 import pytest
 
-from envpred.build import jobs
 from envpred.build.grids import build
 from envpred.store import Store
+
+pytestmark = pytest.mark.usefixtures("no_processes")
 
 # Checksums (CRC-32) of the arrays as they were before drives had periods, cars and wider grids.
 BEFORE = {
@@ -28,10 +29,7 @@ BEFORE = {
 
 
 @pytest.mark.parametrize("context", [None, 256])
-def test_default_mapping_of_the_real_drives(
-    kitti: Path, tmp_path: Path, context: int | None, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(jobs, "in_processes", lambda job, drives, _: ((0, job(d, lambda: None)) for d in drives))
+def test_default_mapping_of_the_real_drives(kitti: Path, tmp_path: Path, context: int | None) -> None:
     build(kitti, tmp_path / "grids", context=context)
     for name, expected in BEFORE.items():
         drive = Store(tmp_path / "grids").drives[name]
