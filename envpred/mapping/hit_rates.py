@@ -91,8 +91,7 @@ class HitRates:
             grid = np.zeros((N, W, W), np.float32)
             _sigmoid(grid, scores, np.array(part), boxes, ahead, ranges, here, then, step)
             grids.append(grid)
-        hit = np.minimum(grids[0], LARGEST, out=grids[0])
-        return World(hit, grids[1] if near else None, (float(pose[0]), float(pose[1])))
+        return World(grids[0], grids[1] if near else None, (float(pose[0]), float(pose[1])))
 
 
 @cache
@@ -210,4 +209,4 @@ def _sigmoid(out, scores, part, boxes, ahead, ranges, here, then, step):  # type
                     + ranges[3] * later * later
                     + ranges[4] * now * later
                 )
-                out[h, i, j] = one / (one + np.exp(-score))
+                out[h, i, j] = min(one / (one + np.exp(-score)), LARGEST)

@@ -64,7 +64,7 @@ class Rollout:
     period: float = 0.1
     least: float = 0.02
     clump: float = 0.05
-    remembered: float = 0.7
+    remembered: float = 0.8
     beyond: float | None = None
 
     def __post_init__(self) -> None:

@@ -279,3 +279,11 @@ def test_shapes_that_do_not_belong_together_are_refused() -> None:
         small().expected(NOTHING, hits({}, horizons=2), ORIGIN_CELL, still(3))
     with pytest.raises(UserError, match="sensor"):
         Rollout((3.0, 0.0), grid=SMALL)
+
+
+def test_the_body_lies_in_the_frame_of_the_sensor_that_is_turned_in_it() -> None:
+    """A body 1 m ahead of the sensor; the sensor looks to the body's left, so its ahead is north."""
+    turned = Rollout((0.0, 0.0), np.pi / 2, SMALL, (0.0, 1.0, 0.0))
+    found = turned.expected(NOTHING, hits({}), ORIGIN_CELL, still(1))[0]
+    assert found[8, 8 + 4] == found[8, 8 + 3] == pytest.approx(1.0)
+    assert found[8 + 3, 8] == pytest.approx(SEEN_FREE)
