@@ -12,7 +12,11 @@ from envpred.mapping.rays import border_cell, first_cell, mark_ego, next_cell
 
 @njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[untyped-decorator, unused-ignore]
 def roll(out, mass, world, seen, share, base, start, future, offset, place, body, masses, numbers, cells, moved_hit):  # type: ignore[no-untyped-def]
-    """The steps of one future: see `Rollout.expected`; with a `seed` hits are drawn instead of expected."""
+    """The steps of one future: see `Rollout.expected`; with a `seed` hits are drawn instead of expected.
+
+    What is added to `out` (N, C, H, W) is the pignistic probability of occupied (C = 1) or m(O), m(F), the chance of a
+    hit and that of being seen to be free (C = 4).
+    """
     forward, left, turn, resolution = place
     least, clump, remembered, weight, seed = numbers
     _, H, W = mass.shape
@@ -132,7 +136,7 @@ def _age(prior, now, shift_i, shift_j, alpha):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[untyped-decorator, unused-ignore]
 def _measure(now, prior, hit, passed, masses, out, weight):  # type: ignore[no-untyped-def]
-    """Expected masses after the measurement, and their pignistic probability, added to `out` by `weight`."""
+    """Expected masses after the measurement; what is asked for of them is added to `out` (C, H, W) by `weight`."""
     occupied, free, ego, _ = masses
     zero, half, one = np.float32(0), np.float32(0.5), np.float32(1)
     H, W = hit.shape
@@ -148,15 +152,26 @@ def _measure(now, prior, hit, passed, masses, out, weight):  # type: ignore[no-u
             a = q * a_occupied + seen_free * a_free + unseen * a
             b = q * b_occupied + seen_free * b_free + unseen * b
             now[0, i, j], now[1, i, j] = a, b
-            out[i, j] += weight * (half * a + half * (one - b))
+            if len(out) == 1:
+                out[0, i, j] += weight * (half * a + half * (one - b))
+            else:
+                out[0, i, j] += weight * a
+                out[1, i, j] += weight * b
+                out[2, i, j] += zero if under else weight * q
+                out[3, i, j] += weight * seen_free
 
 
 @njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
 def _remember(out, now, mass, shift_i, shift_j, weight):  # type: ignore[no-untyped-def]
     """Move the forecast by `weight` towards the last frame shown: two forecasts that err apart, averaged."""
     half = np.float32(0.5)
-    H, W = out.shape
+    C, H, W = out.shape
     for i in range(max(0, -shift_i), min(H, H - shift_i)):
         for j in range(max(0, -shift_j), min(W, W - shift_j)):
             u, v = i + shift_i, j + shift_j
-            out[i, j] += weight * half * (mass[0, u, v] - now[0, i, j] - mass[1, u, v] + now[1, i, j])
+            occupied, free = mass[0, u, v] - now[0, i, j], mass[1, u, v] - now[1, i, j]
+            if C == 1:
+                out[0, i, j] += weight * half * (occupied - free)
+            else:
+                out[0, i, j] += weight * occupied
+                out[1, i, j] += weight * free

@@ -108,10 +108,43 @@ class Rollout:
         Raises:
             UserError: if the context is smaller than the grid, or a future leaves it.
         """
+        forecast = self._mean(1, mass, world, centre_cell, futures, movers, draws, mapper, offset)[:, 0]
+        return np.minimum(forecast, 1)  # rounding
+
+    def rendered(
+        self,
+        mass: Mass,
+        world: World,
+        centre_cell: NDArray[np.integer],
+        futures: FloatArray,
+        movers: Movers | None = None,
+        draws: FloatArray | None = None,
+        mapper: Mapper = map,
+        offset: tuple[int, int] = (0, 0),
+    ) -> Grids:
+        """What the forecast is made of (N, 4, H, W): expected m(O), m(F), chances of a hit and of being seen free.
+
+        Args, Raises: as `expected`.
+        """
+        return self._mean(4, mass, world, centre_cell, futures, movers, draws, mapper, offset)
+
+    def _mean(
+        self,
+        channels: int,
+        mass: Mass,
+        world: World,
+        centre_cell: NDArray[np.integer],
+        futures: FloatArray,
+        movers: Movers | None,
+        draws: FloatArray | None,
+        mapper: Mapper,
+        offset: tuple[int, int],
+    ) -> Grids:
+        """Means (N, channels, H, W) over the futures of what `roll` adds up."""
         scene, base = self._checked(mass, world, centre_cell, futures, offset)
         distinct, weights = _distinct(futures, draws)
         parts = [range(n, len(distinct), CHUNKS) for n in range(min(CHUNKS, len(distinct)))]
-        sums = np.zeros((len(parts), futures.shape[1], *mass.shape[1:]), np.float32)
+        sums = np.zeros((len(parts), futures.shape[1], channels, *mass.shape[1:]), np.float32)
 
         def part(n: int) -> None:
             for k in parts[n]:
@@ -119,8 +152,8 @@ class Rollout:
                 self._roll(sums[n], mass, scene, base, centre_cell, futures[distinct[k]], weights[k], moved, offset)
 
         list(mapper(part, range(len(parts))))
-        forecast: Grids = np.minimum(sums.sum(axis=0), 1)  # rounding
-        return forecast
+        mean: Grids = sums.sum(axis=0)
+        return mean
 
     def samples(
         self,
@@ -140,7 +173,7 @@ class Rollout:
         """
         scene, base = self._checked(mass, world, centre_cell, futures, offset)
         K, N, _ = futures.shape
-        drawn = np.zeros((K, N, *mass.shape[1:]), np.float32)
+        drawn = np.zeros((K, N, 1, *mass.shape[1:]), np.float32)
         seeds: list[int] = np.asarray(generator.integers(1, 1 << 63, size=K)).tolist()
 
         def sample(k: int) -> None:
@@ -148,7 +181,7 @@ class Rollout:
             self._roll(drawn[k], mass, scene, base, centre_cell, futures[k], 1.0, moved, offset, seeds[k])
 
         list(mapper(sample, range(K)))
-        return drawn
+        return drawn[:, :, 0]
 
     def _checked(
         self,
@@ -201,7 +234,7 @@ class Rollout:
         offset: tuple[int, int],
         seed: int = 0,
     ) -> None:
-        """Add `weight` times the forecast of one future to `out` (N, H, W); hits are drawn if there is a `seed`."""
+        """Add `weight` times the forecast of one future to `out` (N, C, H, W); hits are drawn if there is a `seed`."""
         table = self.evidence.table()
         masses = table[OCCUPIED, 0], table[FREE, 1], table[EGO, 0], np.float32(self.evidence.discount)
         hit = np.ascontiguousarray(world.hit, np.float32)

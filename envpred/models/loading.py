@@ -1,5 +1,6 @@
 """A trained forecaster from its checkpoint alone."""
 
+import inspect
 from importlib import import_module
 from pathlib import Path
 
@@ -29,7 +30,8 @@ def load_forecaster(checkpoint: Path | str, device: torch.device | str = "cpu") 
         ) from None
     if not (isinstance(kind, type) and issubclass(kind, Forecaster)):
         raise UserError(f"{file}: {class_path} is no forecaster; give a checkpoint that `envpred fit` wrote")
-    forecaster: Forecaster = kind(**content["hyper_parameters"])
+    taken = inspect.signature(kind).parameters
+    forecaster: Forecaster = kind(**{k: v for k, v in content["hyper_parameters"].items() if k in taken})
     try:
         forecaster.load_state_dict(content["state_dict"])
     except RuntimeError:

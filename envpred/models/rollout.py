@@ -21,6 +21,8 @@ from envpred.mapping.world import World, label_world
 from envpred.models.forecaster import Forecaster
 
 Window = Mapping[str, NDArray[np.generic]]  # what is seen of one window, as arrays
+# Masses, world, centre cell, futures, movers and their draws: what `Rollout.expected` takes.
+Scene = tuple[NDArray[np.float32], World, NDArray[np.int64], FloatArray, Movers | None, FloatArray | None]
 
 
 class RolloutForecaster(Forecaster):
@@ -89,15 +91,20 @@ class RolloutForecaster(Forecaster):
         self, window: Window, futures: FloatArray, pool: ThreadPoolExecutor
     ) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
         """The forecast (N, H, W) of one window, and its samples (K, N, H, W) where they are asked for."""
-        mass, centre = np.asarray(window["evidence"][-1], np.float32), np.asarray(window["centre_cell"][-1])
-        rollout, (world, movers) = self._sensor(window), self._scene(window, futures)
-        # A stream of its own, so that what moves does not change where the ego goes.
-        generator = np.random.default_rng([self.hparams["seed"], 1])
-        draws = generator.standard_normal((len(futures), 2)) if movers is not None else None
-        mean = rollout.expected(mass, world, centre, futures, movers, draws, pool.map)
+        rollout, scene, generator = self._sensor(window), *self._scene(window, futures)
+        mean = rollout.expected(*scene, pool.map, self.offset(window))
         if not self.hparams["samples"]:
             return mean, None
-        return mean, rollout.samples(mass, world, centre, futures, generator, movers, draws, pool.map)
+        mass, world, centre, _, movers, draws = scene
+        return mean, rollout.samples(
+            mass, world, centre, futures, generator, movers, draws, pool.map, self.offset(window)
+        )
+
+    def offset(self, window: Window) -> tuple[int, int]:
+        """Centre cells of grids less the cells that hold the ego: 0, but for windows that are turned or cut out."""
+        cells = np.floor(np.asarray(window["pose"], np.float64)[:, :2] + 0.5)
+        east, north = np.median(np.asarray(window["centre_cell"], np.int64) - cells, axis=0)
+        return int(east), int(north)
 
     def _sensor(self, window: Window) -> Rollout:
         """The sensor and the mapping that the future is measured with."""
@@ -114,7 +121,16 @@ class RolloutForecaster(Forecaster):
             beyond=0.0,  # what lies beyond the context is not known, and most of the world is free
         )
 
-    def _scene(self, window: Window, futures: FloatArray) -> tuple[World, Movers | None]:
+    def _scene(self, window: Window, futures: FloatArray) -> tuple[Scene, np.random.Generator]:
+        """What a rollout takes, but for how it is run, and the source of further randomness."""
+        world, movers = self._world(window, futures)
+        # A stream of its own, so that what moves does not change where the ego goes.
+        generator = np.random.default_rng([self.hparams["seed"], 1])
+        draws = generator.standard_normal((len(futures), 2)) if movers is not None else None
+        mass, centre = np.asarray(window["evidence"][-1], np.float32), np.asarray(window["centre_cell"][-1], np.int64)
+        return (mass, world, centre, futures, movers, draws), generator
+
+    def _world(self, window: Window, futures: FloatArray) -> tuple[World, Movers | None]:
         """What the rays meet on the context grid: what stands, and what moves if that is told apart."""
         label, mass = self._context(window)
         centre_cells, judged = np.asarray(window["centre_cell"], np.int64), np.asarray(window["label"][-1], np.uint8)
@@ -122,9 +138,11 @@ class RolloutForecaster(Forecaster):
             world = label_world(label[-1])
         else:
             pose, resolution, period = (window[name] for name in ("pose", "resolution", "period"))
-            last, cells = np.asarray(pose[-1], np.float64), judged.shape[-1]
-            rates = hit_rates.default()
-            world = rates.world(label, centre_cells, mass, futures, last, float(resolution), cells, float(period))
+            # The rates go by where grids lie, which an offset moves as if the ego were there.
+            moved = np.array([*self.offset(window), 0])
+            last, cells = np.asarray(pose[-1], np.float64) + moved, judged.shape[-1]
+            rates, seconds = hit_rates.default(), float(period)
+            world = rates.world(label, centre_cells, mass, futures + moved, last, float(resolution), cells, seconds)
         if not self.hparams["movers"]:
             return world, None
         velocity, covariance = (np.asarray(window[name][-1], np.float32) for name in ("velocity", "velocity_cov"))

@@ -1,0 +1,171 @@
+"""The rollout with a small network on top, which starts as the rollout and learns what that gets wrong."""
+
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from envpred.datamodules import Forecast, Role, Seen, WindowBatch
+from envpred.errors import UserError
+from envpred.mapping.geometry import FREE, OCCUPIED, FloatArray
+from envpred.mapping.shift import shifted
+from envpred.models.rollout import RolloutForecaster, Window
+from envpred.networks.correction import FACTOR, LEAST, Canvas, Correction
+from envpred.networks.muon import Muon
+
+MARGIN = 8  # cells of the canvas around the future grids
+
+
+class CorrectedRolloutForecaster(RolloutForecaster):
+    """The rollout, corrected by a network of 0.4 M parameters that looks at all that was seen (see `Correction`).
+
+    Trained by squared errors, as a share of the static baseline's of the same window where `error` says so: windows in
+    which little happens count as much as others.
+
+    Args:
+        variant: input variant; the forecast is made of labels and evidence whatever it is.
+        given: frames shown.
+        horizons: forecasts at most.
+        width: channels of the network at half of the resolution.
+        fine: channels at full resolution.
+        head: channels for each cell and horizon.
+        futures: of the ego that the rollout averages over.
+        world: what the rays meet, see `RolloutForecaster`.
+        movers: carry on what moves, likewise.
+        seed: of the futures.
+        scored: horizons of a training window that are corrected, drawn at random; fewer are faster.
+        error: squared errors as they are, or their share of the static baseline's.
+        lr: learning rate of Muon.
+        max_epochs: epochs of training; the learning rate falls to 0 by their end.
+    """
+
+    role: ClassVar[Role] = "learned"
+    shaping = ("variant", "given", "horizons", "width", "fine", "head")
+
+    def __init__(
+        self,
+        variant: str = "dst_static",
+        given: int = 5,
+        horizons: int = 15,
+        width: int = 32,
+        fine: int = 16,
+        head: int = 16,
+        futures: int = 16,
+        world: Literal["label", "hits"] = "hits",
+        movers: bool = False,
+        seed: int = 0,
+        scored: int = 6,
+        error: Literal["squared", "share"] = "share",
+        lr: float = 0.07,
+        max_epochs: int = 8,
+    ) -> None:
+        super().__init__(variant, given, futures, world, context=True, movers=movers, seed=seed)
+        self.save_hyperparameters()
+        if width % 8 or width < 8:
+            raise UserError(f"--model.width {width}: give a multiple of 8")
+        self.network = Correction(given, horizons, width, fine, head)
+
+    @property
+    def epochs(self) -> int:
+        return int(self.hparams["max_epochs"])
+
+    @property
+    def reachable(self) -> int:
+        return int(self.hparams["horizons"])
+
+    def forecast(self, seen: Seen, horizons: int) -> Forecast:
+        return Forecast(self._corrected(seen, horizons, torch.arange(horizons)))
+
+    def _corrected(self, seen: Seen, horizons: int, which: Tensor) -> Tensor:
+        """Probabilities (B, len(which), H, W) at the horizons `which` (0 is the first) of `horizons` rolled out."""
+        windows = [self._window(seen, b) for b in range(len(seen["pose"]))]
+        with ThreadPoolExecutor(max(1, torch.get_num_threads())) as pool:
+            return torch.stack([self._correct(window, horizons, which, pool) for window in windows])
+
+    def _correct(self, window: Window, horizons: int, which: Tensor, pool: ThreadPoolExecutor) -> Tensor:
+        futures, offset = self.ego(window, horizons), self.offset(window)
+        scene, _ = self._scene(window, futures)
+        rendered = self._sensor(window).rendered(*scene, pool.map, offset)[which]
+        # Where the grid of the mean future lies, beside that of the last frame shown.
+        mean = futures.mean(axis=0)[which, :2]
+        centres = np.floor(mean + 0.5).astype(np.int64) + offset - np.asarray(window["centre_cell"][-1], np.int64)
+        canvas, corner = self._canvas(window, centres, rendered.shape[-1])
+        spread = torch.from_numpy(0.5 * futures[:, which, :2].std(axis=0)).float()
+        device = self.device
+        corrected: Tensor = self.network(
+            Canvas(*(part.to(device) for part in canvas)),
+            torch.from_numpy(rendered).to(device),
+            corner,
+            spread.to(device),
+            which.to(device),
+        )
+        return corrected.float()
+
+    def _canvas(self, window: Window, centres: NDArray[np.int64], n: int) -> tuple[Canvas, list[list[int]]]:
+        """What was seen, cut to what the future grids cover and a margin, and their first cells in it."""
+        label, mass = self._context(window)
+        cells, centre = label.shape[-1], np.asarray(window["centre_cell"], np.int64)
+        labels = np.stack([shifted(grid, centre[-1] - at) for grid, at in zip(label, centre, strict=True)])
+        margin = (cells - n) // 2
+        low, high = _extent(centres, n, margin, cells)
+        part = (..., slice(low[0], high[0]), slice(low[1], high[1]))
+        judged = np.zeros((3, cells, cells), np.float32)
+        inside = slice(margin, margin + n)
+        judged[:2, inside, inside], judged[2, inside, inside] = window["evidence"][-1], 1
+        last = _logit(0.5 + 0.5 * (judged[0] - judged[1])) / 4 * judged[2]
+        rows = [*(labels == OCCUPIED), *(labels == FREE), *mass, *judged, self._range(window, cells), last]
+        channels = torch.from_numpy(np.stack([row[part] for row in rows]).astype(np.float32))
+        corner = (centres + margin - low).tolist()
+        return Canvas(channels, channels[2 * len(label) + 4], channels[-1]), corner
+
+    def _range(self, window: Window, cells: int) -> FloatArray:
+        """Logarithm of each cell's distance to the sensor at the last frame shown."""
+        x, y, heading = (float(value) for value in window["pose"][-1])
+        ahead, left, _ = (float(value) / float(window["resolution"]) for value in window["sensor"])
+        cos, sin = np.cos(heading), np.sin(heading)
+        first = np.asarray(window["centre_cell"][-1], np.int64) - cells // 2
+        i = np.arange(cells)[:, None] + first[0] - x - ahead * cos + left * sin
+        j = np.arange(cells)[None] + first[1] - y - ahead * sin - left * cos
+        return np.asarray(np.log1p(np.hypot(i, j) / 10) - 1.5)
+
+    def training_step(self, batch: WindowBatch, batch_index: int) -> Tensor:
+        assert batch["future"] is not None
+        seen, target = batch["seen"], batch["future"]["occupancy"]
+        horizons = target.shape[1]
+        which = torch.randperm(horizons)[: min(horizons, int(self.hparams["scored"]))].sort().values
+        target = target[:, which]
+        error = (self._corrected(seen, horizons, which) - target).square().mean((2, 3))
+        if self.hparams["error"] == "share":
+            static = (seen["occupancy"][:, -1:] - target).square().mean((2, 3))
+            error = 0.1 * error / (static + 0.01)  # 0.01: where nothing happens there is nothing to win
+        self.log("train/loss", error.mean(), prog_bar=True, batch_size=len(target))
+        return error.mean()
+
+    def configure_optimizers(self) -> Any:
+        plain = ("leave", "project", "spread")
+        matrices = [p for n, p in self.network.named_parameters() if p.dim() > 1 and not n.startswith(plain)]
+        others = [p for p in self.network.parameters() if not any(p is matrix for matrix in matrices)]
+        lr = float(self.hparams["lr"])
+        optimizer = Muon(matrices, others, lr, 0.1 * lr)
+        steps = max(1, int(self.trainer.estimated_stepping_batches))
+        schedule = torch.optim.lr_scheduler.LambdaLR(
+            optimizer, lambda k: min(1.0, (k + 1) / 50) * 0.5 * (1 + float(np.cos(np.pi * min(k / steps, 1.0))))
+        )
+        return {"optimizer": optimizer, "lr_scheduler": {"scheduler": schedule, "interval": "step"}}
+
+
+def _extent(centres: NDArray[np.int64], n: int, margin: int, cells: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """First and last cells (2,) of the canvas: the future grids and a MARGIN, as far as known; FACTOR divides its sides."""
+    low = np.maximum(margin + np.minimum(centres.min(axis=0), 0) - MARGIN, 0)
+    high = np.minimum(margin + n + np.maximum(centres.max(axis=0), 0) + MARGIN, cells)
+    side = np.minimum(-(-(high - low) // FACTOR) * FACTOR, cells // FACTOR * FACTOR)
+    low = np.clip(low - (side - (high - low)) // 2, 0, cells - side)
+    return low, low + side
+
+
+def _logit(probability: NDArray[np.float32]) -> NDArray[np.float32]:
+    kept = np.clip(probability, LEAST, 1 - LEAST)
+    return np.asarray(np.log(kept / (1 - kept)), np.float32)
