@@ -102,7 +102,6 @@ def time_scans(drive: Drive, frames: int, rounds: int) -> None:
     plane = RansacPlane()
     work: dict[str, Callable[[int], object]] = {
         "scan to evidence": mapping.whole(),
-        f"with {CONTEXT} cells beside it": mapping.whole(CONTEXT),
         "  ground: random field": mapping.ground,
         "  label grid": mapping.label,
         "  evidence": mapping.fuse,
@@ -119,9 +118,14 @@ def time_scans(drive: Drive, frames: int, rounds: int) -> None:
     rows = [(name, f"{1e3 * taken:.2f}", f"{taken / ours:.2f}") for name, taken in seconds.items()]
     print_table(("one core, medians", "ms a scan", "x ours"), rows)
     print(f"promise: scan to evidence <= {SCAN_PROMISE} ms: {'kept' if 1e3 * ours <= SCAN_PROMISE else 'MISSED'}")
-    both = seconds[f"with {CONTEXT} cells beside it"] / ours
-    verdict = "kept" if both <= CONTEXT_PROMISE else "MISSED"
-    print(f"promise: with {CONTEXT} cells beside it <= {CONTEXT_PROMISE} x: {both:.2f}, {verdict}")
+    # In turns of its own: the wider grid leaves nothing of the others in the cache.
+    pair = {name: in_turn(mapping.whole(cells), count) for name, cells in (("judged", None), ("both", CONTEXT))}
+    wider = medians(pair, rounds * count)
+    ratio = wider["both"] / wider["judged"]
+    print(
+        f"with {CONTEXT} cells beside the judged grid: {1e3 * wider['both']:.2f} ms, {ratio:.2f} x; "
+        f"promise <= {CONTEXT_PROMISE} x: {'kept' if ratio <= CONTEXT_PROMISE else 'MISSED'}"
+    )
     if not peer:
         print("Patchwork++ is not installed: pip install 'envpred[bench]'")
 
