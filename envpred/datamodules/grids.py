@@ -250,6 +250,10 @@ class GridDataModule(LightningDataModule):
             names |= {f"{CONTEXT}label", f"{CONTEXT}evidence"}
         return sorted(names - {"label", "centre_cell", "pose", "time"})
 
+    def shape_of(self, array: str) -> tuple[int, ...]:
+        """Shape of a frame of a stored array."""
+        return tuple(self._example.array(array).shape[1:])
+
     def velocity_frame(self) -> str | None:
         """What the store's velocities are relative to, `ego` or `ground`; None if it has none."""
         parameters = Store(self.store).parameters("dogma")

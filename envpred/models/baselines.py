@@ -7,7 +7,7 @@ from torch import Tensor
 
 from envpred.datamodules import Forecast, Needs, Seen
 from envpred.mapping.ego_motion import extrapolate
-from envpred.mapping.particle_forecast import HORIZONS
+from envpred.mapping.shift import shifted_tensor
 from envpred.models.forecaster import Forecaster
 
 
@@ -36,7 +36,7 @@ class ParticleForecast(Forecaster):
 
     @property
     def reachable(self) -> int:
-        return HORIZONS
+        return self.dataset.shape_of("particle_forecast")[0]  # as many as the store keeps
 
     def forecast(self, seen: Seen, horizons: int) -> Forecast:
         return Forecast(seen["arrays"]["particle_forecast"][:, -1, :horizons].float() / 255)
@@ -73,7 +73,11 @@ class _Moved(Forecaster):
         shift = self.centres(seen, horizons) - seen["centre_cell"][:, -1:]
         last = seen["occupancy"][:, -1]
         fill = seen["occupancy"].mean((1, 2, 3)) if self.fill is None else last.new_full((len(last),), self.fill)
-        return Forecast(torch.stack([_move(*window) for window in zip(last, shift, fill, strict=True)]))
+        moved = [
+            torch.stack([shifted_tensor(grid, by, float(value)) for by in shifts])
+            for grid, shifts, value in zip(last, shift.tolist(), fill, strict=True)
+        ]
+        return Forecast(torch.stack(moved))
 
 
 class MovedLastFrame(_Moved):
@@ -94,12 +98,3 @@ class MovedLastFrameOracle(_Moved):
 
     def centres(self, seen: Seen, horizons: int) -> Tensor:
         return seen["future_centre_cell"][:, :horizons]
-
-
-def _move(grid: Tensor, shifts: Tensor, fill: Tensor) -> Tensor:
-    """`grid` (H, W) as grids (N, H, W) see it whose centre cells lie `shifts` (N, 2) further."""
-    H, W = grid.shape
-    i = torch.arange(H, device=grid.device) + shifts[:, :1]
-    j = torch.arange(W, device=grid.device) + shifts[:, 1:]
-    inside = ((i >= 0) & (i < H))[:, :, None] & ((j >= 0) & (j < W))[:, None, :]
-    return torch.where(inside, grid[i.clamp(0, H - 1)[:, :, None], j.clamp(0, W - 1)[:, None, :]], fill)

@@ -158,7 +158,7 @@ class CorrectedRolloutForecaster(RolloutForecaster):
 
 
 def _extent(centres: NDArray[np.int64], n: int, margin: int, cells: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """First and last cells (2,) of the canvas: the future grids and a MARGIN, as far as known; FACTOR divides its sides."""
+    """First and last cells (2,) of the canvas: future grids and MARGIN, as far as known; FACTOR divides its sides."""
     low = np.maximum(margin + np.minimum(centres.min(axis=0), 0) - MARGIN, 0)
     high = np.minimum(margin + n + np.maximum(centres.max(axis=0), 0) + MARGIN, cells)
     side = np.minimum(-(-(high - low) // FACTOR) * FACTOR, cells // FACTOR * FACTOR)

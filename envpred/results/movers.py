@@ -6,6 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from envpred.mapping.shift import shifted
+
 OCCUPIED_FROM, FREE_BELOW = 0.85, 0.20  # as the image similarity's classes: sure of it either way
 EGO_REACH = 3.0  # m that the ego's body reaches from the centre cell
 AREA = (0.44, 13.4)  # m2 that moved into; less is noise, more a wall that came into sight
@@ -20,18 +22,6 @@ class Mover(NamedTuple):
     i: float
     j: float
     radius: float
-
-
-def on_lattice_of(grid: NDArray[np.floating], shift: NDArray[np.integer], fill: float = 0.5) -> NDArray[np.floating]:
-    """`grid` (H, W) on a grid whose centre cell lies `shift` (2,) cells further; `fill` where nothing was seen."""
-    moved = np.full_like(grid, fill)
-    height, width = grid.shape
-    di, dj = int(shift[0]), int(shift[1])
-    if abs(di) < height and abs(dj) < width:
-        moved[max(0, -di) : height - max(0, di), max(0, -dj) : width - max(0, dj)] = grid[
-            max(0, di) : height - max(0, -di), max(0, dj) : width - max(0, -dj)
-        ]
-    return moved
 
 
 def movers(
@@ -58,7 +48,7 @@ def movers(
         area: m2 of a patch, least and most.
     """
     before = max(0, frame - max(1, round(BACK_S / period)))
-    earlier = on_lattice_of(occupancy[before], centre_cell[frame] - centre_cell[before])
+    earlier = shifted(occupancy[before], centre_cell[frame] - centre_cell[before], fill=0.5)
     came = (occupancy[frame] >= OCCUPIED_FROM) & (earlier < FREE_BELOW)
     patches, _ = ndimage.label(came, EIGHT)
     sizes = np.bincount(patches.ravel())

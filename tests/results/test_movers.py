@@ -1,9 +1,8 @@
 """What moves in a window."""
 
-import numpy as np
 import pytest
 
-from envpred.results.movers import movers, on_lattice_of
+from envpred.results.movers import movers
 from tests.results.scenes import window
 
 KITTI = (1 / 3, 0.1)  # metres a cell, seconds a frame
@@ -23,17 +22,6 @@ def test_what_came_into_sight_does_not_move() -> None:
     occupancy, centre_cell = window()
     occupancy[:4] = 0.5
     assert movers(occupancy, centre_cell, 8, *KITTI) == []
-
-
-@pytest.mark.parametrize("shift", [(0, 0), (3, -2), (-5, 4), (70, 0)])
-def test_moving_a_grid_is_cutting_the_world_elsewhere(shift: tuple[int, int]) -> None:
-    world = np.random.default_rng(0).random((220, 220))
-    here = world[70:134, 70:134]
-    there = world[70 + shift[0] : 134 + shift[0], 70 + shift[1] : 134 + shift[1]]
-    moved = on_lattice_of(here, np.array(shift), fill=-1.0)
-    seen = moved >= 0
-    assert seen.sum() == max(0, 64 - abs(shift[0])) * max(0, 64 - abs(shift[1]))
-    np.testing.assert_array_equal(moved[seen], there[seen])
 
 
 def test_sizes_are_metres_and_times_seconds() -> None:
