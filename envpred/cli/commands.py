@@ -9,7 +9,6 @@ import numpy as np
 from envpred.build.grids import build
 from envpred.drives import one_drive
 from envpred.errors import UserError
-from envpred.horizons import PERIOD
 from envpred.interrupts import ends_at_once
 from envpred.mapping.evidence import EvidenceParameters
 from envpred.mapping.geometry import GridSpec
@@ -138,7 +137,7 @@ def show(store: Path, out: Path, drive: str | None = None, frame: int = 0, conte
     chosen = _stored_drive(store, drive, frame)
     labels, mass = (chosen.array(f"context_{name}" if context else name) for name in ("label", "evidence"))
     if out.suffix == ".gif":
-        out.write_bytes(pictures.drive_animation(labels, mass, chosen.manifest.get("period", PERIOD)))
+        out.write_bytes(pictures.drive_animation(labels, mass, chosen.period))
         print(out)
     else:
         resolution, masses = chosen.manifest["lattice"]["resolution"], np.array(mass[frame], np.float32)

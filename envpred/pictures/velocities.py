@@ -16,7 +16,7 @@ from matplotlib.patches import Polygon
 from numpy.typing import NDArray
 from PIL import Image
 
-from envpred.horizons import PERIOD, in_seconds, shown_steps
+from envpred.horizons import in_seconds, shown_steps
 from envpred.mapping.dogma import moving_velocity
 from envpred.mapping.geometry import EGO, FREE, OCCUPIED, UNKNOWN, heading_of
 from envpred.pictures.grids import LABEL_COLOURS, draw_grid, figure, gif
@@ -114,7 +114,7 @@ def of_drive(drive: StoredDrive) -> bytes:
         frames.append(Image.fromarray(shown.copy()).quantize(256))
         for artist in artists:
             artist.remove()
-    return gif(frames, drive.manifest.get("period", PERIOD))
+    return gif(frames, drive.period)
 
 
 def velocity_strip(
