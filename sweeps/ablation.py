@@ -109,11 +109,9 @@ def _show(
         torch.set_num_threads(_threads(workers))  # what is timed here has as many as the runs will have
     example = GridDataModule(**{**jobs[0].config["data"], "store": store})
     example.setup("fit")
-    cells, windows = example.cells, len(example.datasets["val"])
+    sizes = example.cells, example.horizons, len(example.datasets["val"])
     frames = sum(len(drive.frames) for drive in Store(store).drives.values())
-    times = {
-        job.run.name: seconds(job.config, cells, windows) if job.run.trains else untrained(windows) for job in todo
-    }
+    times = {job.run.name: seconds(job.config, *sizes) if job.run.trains else untrained(sizes[-1]) for job in todo}
     width = max(len(job.run.name) for job in jobs)
     for key in missing:
         _say(f"{'store ' + key:{width}}  {_span(frames / GRIDS_A_SECOND):>8}  {frames} frames to map")

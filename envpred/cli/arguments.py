@@ -16,7 +16,7 @@ from envpred.cli.lightning import EnvpredCLI, lightning
 from envpred.errors import UserError
 
 # First parts of the names of its options: each is the name itself, or starts with it and a dot.
-OPTIONS = ("config", "seed_everything", "trainer", "model", "data", "predictions")
+OPTIONS = ("config", "seed_everything", "trainer", "model", "data", "results", "predictions")
 
 
 class _ReadOnly(EnvpredCLI):
