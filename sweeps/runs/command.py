@@ -16,6 +16,11 @@ from envpred.errors import UserError
 FIXED = ("store", "variant", "split", "train", "val", "test", "length", "given", "val_windows", "stride")
 
 
+def say(line: str) -> None:
+    """One line of what a command has to tell."""
+    print(line, flush=True)
+
+
 def run(function: Callable[..., None], args: list[str] | None) -> None:
     """Run `function` as the command `python -m <its module>`; what `envpred fit` takes comes to it as `fit`.
 
