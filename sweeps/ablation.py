@@ -8,7 +8,6 @@ Interrupt it whenever you like; the same command goes on, and what is done is no
 """
 
 import math
-import os
 import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
@@ -18,6 +17,7 @@ from pathlib import Path
 
 import torch
 
+from envpred.build.executors import available_cores
 from envpred.cli.arguments import names_configuration
 from envpred.cli.shipped import shipped
 from envpred.datamodules import GridDataModule
@@ -25,9 +25,10 @@ from envpred.datamodules.variants import VARIANTS
 from envpred.errors import UserError
 from envpred.report import report
 from envpred.store import Store
+from envpred.store.files import replace_text
 from sweeps.runs import processes
 from sweeps.runs.command import run as command
-from sweeps.runs.files import replace_text
+from sweeps.runs.command import say
 from sweeps.runs.trial import TrialFailedError
 from sweeps.study.best import BEST
 from sweeps.study.storage import told
@@ -87,12 +88,12 @@ def ablation(
         if dry_run:
             return
         for key in missing:
-            _say(f"building the store of {key}")
+            say(f"building the store of {key}")
             stores.build(key, store, folders[key], source)
         failures = _do(todo, times, workers)
         reports = _report(jobs, out, failures)
         text = summary(jobs, reports, failures, out)
-        _say(f"{text}\nsummary: {replace_text(out / SUMMARY, text)}")
+        say(f"{text}\nsummary: {replace_text(out / SUMMARY, text)}")
         if failures:
             raise UserError(
                 "\n".join(
@@ -109,19 +110,17 @@ def _show(
         torch.set_num_threads(_threads(workers))  # what is timed here has as many as the runs will have
     example = GridDataModule(**{**jobs[0].config["data"], "store": store})
     example.setup("fit")
-    cells, windows = example.cells, len(example.datasets["val"])
+    sizes = example.cells, example.horizons, len(example.datasets["val"])
     frames = sum(len(drive.frames) for drive in Store(store).drives.values())
-    times = {
-        job.run.name: seconds(job.config, cells, windows) if job.run.trains else untrained(windows) for job in todo
-    }
+    times = {job.run.name: seconds(job.config, *sizes) if job.run.trains else untrained(sizes[-1]) for job in todo}
     width = max(len(job.run.name) for job in jobs)
     for key in missing:
-        _say(f"{'store ' + key:{width}}  {_span(frames / GRIDS_A_SECOND):>8}  {frames} frames to map")
+        say(f"{'store ' + key:{width}}  {_span(frames / GRIDS_A_SECOND):>8}  {frames} frames to map")
     for job in jobs:
         state = _span(times[job.run.name]) if job in todo else "done"
-        _say(f"{job.run.name:{width}}  {state:>8}  reports: {', '.join(job.run.groups)}")
+        say(f"{job.run.name:{width}}  {state:>8}  reports: {', '.join(job.run.groups)}")
     total = sum(times.values()) / workers + len(missing) * frames / GRIDS_A_SECOND
-    _say(f"{len(todo)} of {len(jobs)} runs and {len(missing)} stores to do, about {_span(total)}")
+    say(f"{len(todo)} of {len(jobs)} runs and {len(missing)} stores to do, about {_span(total)}")
     return times
 
 
@@ -135,7 +134,7 @@ def _do(todo: Sequence[Job], times: dict[str, float], workers: int) -> list[str]
         planned += times.pop(job.run.name)
         left = sum(times.values()) * (time.monotonic() - start) / planned
         said = "done" if failure is None else "failed"
-        _say(f"{place} of {len(todo)}: {job.run.name} {said}; about {_span(left)} left")
+        say(f"{place} of {len(todo)}: {job.run.name} {said}; about {_span(left)} left")
     return failures
 
 
@@ -167,7 +166,7 @@ def _outcome(job: Job) -> tuple[Job, TrialFailedError | None]:
 
 def _threads(workers: int) -> int:
     """Each worker's share of the cores."""
-    return max(1, len(os.sched_getaffinity(0)) // workers)
+    return max(1, available_cores() // workers)
 
 
 def _report(jobs: Sequence[Job], out: Path, failures: list[str]) -> dict[str, Path]:
@@ -181,10 +180,6 @@ def _report(jobs: Sequence[Job], out: Path, failures: list[str]) -> dict[str, Pa
             except UserError as error:
                 failures.append(f"report {group}: {error}")
     return pages
-
-
-def _say(line: str) -> None:
-    print(line, flush=True)
 
 
 def _span(value: float) -> str:

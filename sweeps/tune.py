@@ -22,14 +22,15 @@ from typing import Any
 import optuna
 from torch.utils.tensorboard import SummaryWriter
 
+from envpred.callbacks.pictures import hparams
 from envpred.cli.arguments import FitArguments, names_configuration
 from envpred.datamodules import GridDataModule
 from envpred.errors import UserError
 from envpred.results.result import short_name
 from envpred.store import digest
+from envpred.store.files import replace_text
 from sweeps.runs.cluster import on_cluster
-from sweeps.runs.command import run
-from sweeps.runs.files import replace_text
+from sweeps.runs.command import run, say
 from sweeps.runs.trial import Runner, TrialFailedError
 from sweeps.runs.trial import fit as fit_command
 from sweeps.study import sampling
@@ -79,7 +80,6 @@ def tune(
         force: go on with a study of other grids, another space or another configuration.
         cluster: address of a Dask scheduler; each of its workers joins the study, and this command waits.
     """
-    given = dict(locals())
     read = read_space(space)
     options = [*_configs(read, fit), *fit, f"--data.variant={variant}", f"--data.store={store}"]
     base = FitArguments(options)
@@ -96,12 +96,27 @@ def tune(
         )
         read.check_joins(study)
         if cluster is not None:
-            on_cluster(cluster, "sweeps.tune", {k: v for k, v in given.items() if k not in ("fit", "cluster")}, fit)
+            same = {
+                "variant": variant,
+                "space": space,
+                "store": store,
+                "trials": trials,
+                "out": out,
+                "name": name,
+                "storage": storage,
+                "sampler": sampler,
+                "pruner": pruner,
+                "seed": seed,
+                "grace": grace,
+                "max_failures": max_failures,
+                "force": force,
+            }
+            on_cluster(cluster, "sweeps.tune", same, fit)
         else:
             objective = Objective(study, read, base, Runner(folder / "trials", fit_command))
-            Worker(study, kept, trials, objective, grace, max_failures, say=_say).work()
+            Worker(study, kept, trials, objective, grace, max_failures, say=say).work()
         place = hidden(storage) if storage else str(folder / JOURNAL)
-        _say(f"best of {trials}: {write_best(study, base, identity, place, folder)}")
+        say(f"best of {trials}: {write_best(study, base, identity, place, folder)}")
         replace_text(folder / TRIALS, trials_csv(study))
         draw(study, folder)
 
@@ -125,8 +140,7 @@ class Objective:
             raise TrialFailedError(f"not run: trial {before.number} ran out of memory with the same values", True)
         value = self.runner.run(trial.number, self.fit.complete(arguments), on_rung, on_poll)
         with SummaryWriter(str(self.runner.folder / f"{trial.number:04d}" / "searched")) as writer:
-            shown = {k: v if isinstance(v, bool | int | float | str) else str(v) for k, v in arguments.items()}
-            writer.add_hparams(shown, {"tuned/val_mse": value}, run_name=".")
+            writer.add_hparams(hparams(arguments), {"tuned/val_mse": value}, run_name=".")
         return value
 
 
@@ -150,10 +164,6 @@ def _configs(space: Space, fit: list[str]) -> list[str]:
     if not space.config:
         raise UserError(f"{space.file}: names no configuration to start from; give --config configs/model/...")
     return [f"--config={file}" for file in space.config]
-
-
-def _say(line: str) -> None:
-    print(line, flush=True)
 
 
 def main(args: list[str] | None = None) -> None:

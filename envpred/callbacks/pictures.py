@@ -61,7 +61,7 @@ class Pictures(Callback):
         if logger is not None and isinstance(pl_module, Forecaster):
             data = {f"data.{name}": getattr(pl_module.dataset, name) for name in TRAINING_DATA}
             # The tab needs the names of the final metrics before there are any.
-            logger.log_hyperparams(_flat(dict(pl_module.hparams) | data), {"final/val_mse": float("nan")})
+            logger.log_hyperparams(hparams(dict(pl_module.hparams) | data), {"final/val_mse": float("nan")})
 
     def on_validation_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
         logger = _tensorboard(trainer)
@@ -189,6 +189,6 @@ def _tensorboard(trainer: Trainer) -> TensorBoardLogger | None:
     return next((logger for logger in trainer.loggers if isinstance(logger, TensorBoardLogger)), None)
 
 
-def _flat(values: Mapping[str, Any]) -> dict[str, Any]:
+def hparams(values: Mapping[str, Any]) -> dict[str, Any]:
     """Values that the HPARAMS tab can show; lists as text."""
     return {k: v if isinstance(v, int | float | str | bool) else str(v) for k, v in values.items()}

@@ -14,6 +14,7 @@ import yaml
 
 from envpred.cli.lightning import EnvpredCLI, lightning
 from envpred.errors import UserError
+from envpred.store.files import flat
 
 # First parts of the names of its options: each is the name itself, or starts with it and a dot.
 OPTIONS = ("config", "seed_everything", "trainer", "model", "data", "predictions", "results")
@@ -53,7 +54,7 @@ class FitArguments:
         with _one_line():
             self.parser = lightning(args, _ReadOnly, run=False).parser
         self.base = self.complete({})
-        self.values = _flat(self.base)
+        self.values = {_without_init_args(name): value for name, value in flat(self.base).items()}
 
     def complete(self, arguments: Mapping[str, Any]) -> dict[str, Any]:
         """The complete configuration with `arguments` (dotted name -> value) set, every default spelt out.
@@ -73,7 +74,7 @@ class FitArguments:
             UserError: naming the nearest right one.
         """
         for name in names:
-            if name.replace(".init_args.", ".") not in self.values:
+            if _without_init_args(name) not in self.values:
                 near = difflib.get_close_matches(name, self.values, 1, 0.5)
                 hint = f"; did you mean {near[0]}?" if near else "; `envpred fit --print_config` lists them all"
                 raise UserError(f"{where}: `envpred fit` takes no argument {name} with this model{hint}")
@@ -110,17 +111,9 @@ def _text(value: Any) -> str:
     return text.removesuffix("\n").removesuffix("\n...")
 
 
-def _flat(config: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Dotted name -> value, as names are given on the command line: without `init_args`."""
-    flat: dict[str, Any] = {}
-    for key, value in config.items():
-        if key == "init_args":
-            flat |= _flat(value, prefix)
-        elif isinstance(value, Mapping) and value:
-            flat |= _flat(value, f"{prefix}{key}.")
-        else:
-            flat[f"{prefix}{key}"] = value
-    return flat
+def _without_init_args(name: str) -> str:
+    """A dotted name as it may be given on the command line."""
+    return name.replace(".init_args.", ".")
 
 
 @contextlib.contextmanager

@@ -1,6 +1,5 @@
 """Scenes: single windows with what was seen, what came and what was forecast, as pictures show them."""
 
-import os
 import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 from envpred.errors import UserError
 from envpred.horizons import SHOWN_S, shown_steps
 from envpred.results.movers import Mover, movers
+from envpred.store.files import replaced
 
 Grids = NDArray[np.float32]
 TOLERANCE = 2e-3  # between grids that were kept as halves
@@ -130,12 +130,8 @@ def write_scenes(file: Path, scenes: Mapping[int, Scene]) -> None:
     contexts = [scene.context for scene in kept if scene.context is not None]
     if contexts:
         arrays["context"] = np.stack(contexts).astype(np.float16)
-    part = file.with_name(f".{file.name}-{os.getpid()}.npz")
-    try:
+    with replaced(file) as part:
         np.savez_compressed(part, allow_pickle=False, **arrays)
-        os.replace(part, file)
-    finally:
-        part.unlink(missing_ok=True)
 
 
 def read_scenes(file: Path, method: str, oracle: bool = False) -> dict[int, Scene]:

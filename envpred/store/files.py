@@ -1,9 +1,9 @@
-"""The plain files of a store beside its arrays: JSON replaced in one step, and hashes of plain data."""
+"""The plain files of a store beside its arrays: text replaced in one step, and plain data hashed and flattened."""
 
 import hashlib
 import json
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,15 @@ MANIFEST = "manifest.json"
 def digest(value: Any) -> str:
     """A short hash of plain data that does not depend on the order of keys."""
     return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()[:16]
+
+
+def flat(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Nested plain data as dotted name -> value; what is empty stays as it is."""
+    found: dict[str, Any] = {}
+    for name, value in values.items():
+        deeper = isinstance(value, Mapping) and value
+        found |= flat(value, f"{prefix}{name}.") if deeper else {f"{prefix}{name}": value}
+    return found
 
 
 @contextmanager
@@ -35,10 +44,16 @@ def replaced(file: Path) -> Iterator[Path]:
         part.unlink(missing_ok=True)
 
 
+def replace_text(file: Path, text: str) -> Path:
+    """Replace `file` in one step, also where several processes do so at once; returns it."""
+    with replaced(file) as part:
+        part.write_text(text)
+    return file
+
+
 def write_json(file: Path, value: Any) -> None:
     """Replace `file` in one step."""
-    with replaced(file) as part:
-        part.write_text(json.dumps(value, indent=1))
+    replace_text(file, json.dumps(value, indent=1))
 
 
 def read_json(file: Path) -> dict[str, Any]:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from envpred.errors import UserError
 from envpred.mapping.geometry import Body, FloatArray, GridSpec
-from envpred.store.files import FORMAT, MANIFEST, digest, read_json, write_json
+from envpred.store.files import FORMAT, MANIFEST, digest, flat, read_json, write_json
 from envpred.store.groups import command, group_of
 
 
@@ -241,16 +241,9 @@ def _is_vacant(folder: Path) -> bool:
 
 def _differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> str:
     """What differs between two sets of parameters, as `ground.cell 0.4 there, 0.5 asked`."""
-    there, asked = _flat(json.loads(json.dumps(old))), _flat(json.loads(json.dumps(new)))
+    there, asked = flat(json.loads(json.dumps(old))), flat(json.loads(json.dumps(new)))
     return ", ".join(
         f"{name} {there.get(name)} there, {asked.get(name)} asked"
         for name in sorted({*there, *asked})
         if there.get(name) != asked.get(name)
     )
-
-
-def _flat(value: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    flat: dict[str, Any] = {}
-    for key, entry in value.items():
-        flat |= _flat(entry, f"{prefix}{key}.") if isinstance(entry, Mapping) else {f"{prefix}{key}": entry}
-    return flat

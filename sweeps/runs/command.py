@@ -13,7 +13,12 @@ from envpred.cli.arguments import split_arguments
 from envpred.errors import UserError
 
 # Arguments of the data that decide which windows are judged; runs that differ here cannot be compared.
-FIXED = ("store", "variant", "split", "train", "val", "test", "length", "given", "val_windows")
+FIXED = ("store", "variant", "split", "train", "val", "test", "length", "given", "val_windows", "stride")
+
+
+def say(line: str) -> None:
+    """One line of what a command has to tell."""
+    print(line, flush=True)
 
 
 def run(function: Callable[..., None], args: list[str] | None) -> None:

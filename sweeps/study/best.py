@@ -8,7 +8,7 @@ import optuna
 
 from envpred.cli.arguments import FitArguments
 from envpred.results.result import revision
-from sweeps.runs.files import replace_text
+from envpred.store.files import replace_text
 from sweeps.runs.trial import as_yaml
 from sweeps.study.worker import ARGUMENTS
 

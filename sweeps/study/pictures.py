@@ -1,6 +1,5 @@
 """Pictures of a study: optimisation history, importances, parallel coordinates, intermediate values."""
 
-import os
 import warnings
 from collections.abc import Callable
 from pathlib import Path
@@ -9,6 +8,8 @@ from typing import Any
 import matplotlib as mpl
 import optuna
 from optuna.trial import TrialState
+
+from envpred.store.files import replaced
 
 PICTURES: dict[str, Callable[[optuna.Study], Any]] = {
     "history": optuna.visualization.matplotlib.plot_optimization_history,
@@ -36,9 +37,8 @@ def draw(study: optuna.Study, folder: Path) -> list[Path]:
             drawn = plot(study)
         figure: Figure = (drawn.flat[0] if hasattr(drawn, "flat") else drawn).figure
         figure.set_size_inches(9, 5)
-        part = folder / f".{name}-{os.getpid()}.png"
-        figure.savefig(part, dpi=120, bbox_inches="tight")
+        with replaced(folder / f"{name}.png") as part:  # other workers may draw the same at this moment
+            figure.savefig(part, dpi=120, bbox_inches="tight")
         pyplot.close(figure)
-        os.replace(part, folder / f"{name}.png")  # other workers may draw the same at this moment
         files.append(folder / f"{name}.png")
     return files

@@ -17,19 +17,20 @@ START, PICTURES, TEST = 8.0, 2.0, 6.0
 FORWARD = 0.4  # of a training step
 
 
-def seconds(config: Mapping[str, Any], cells: int, val_windows: int) -> float:
+def seconds(config: Mapping[str, Any], cells: int, horizons: int, val_windows: int) -> float:
     """Estimated seconds of training and testing a PredNet with the complete configuration `config`.
 
     Args:
         config: of the run.
         cells: along a side of the grids.
+        horizons: frames that are forecast.
         val_windows: validation windows that there are; the test has about as many.
     """
     data, model = config["data"], config["model"]["init_args"]
     inputs = len(variant(data["variant"]).channels)
     batch = int(data["batch_size"])
     side = int(data["crop"] or cells)  # training may see squares of it alone
-    step = _step((inputs, *model["channels"]), side, data["length"], data["given"], batch)
+    step = _step((inputs, *model["channels"]), side, data["given"] + horizons, data["given"], batch)
     window = FORWARD * step / batch * (cells / side) ** 2
     windows = min(val_windows, int(data["val_windows"]))
     epoch = math.ceil(int(data["samples"]) / batch) * step + windows * window + PICTURES

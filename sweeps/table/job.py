@@ -14,8 +14,8 @@ from envpred.errors import UserError
 from envpred.results.result import RESULT
 from envpred.results.validations import read_validations
 from envpred.store import digest
+from envpred.store.files import replace_text
 from sweeps.runs import processes
-from sweeps.runs.files import replace_text
 from sweeps.runs.trial import as_yaml, failure, logged_to
 from sweeps.table.plan import Run
 

@@ -72,10 +72,12 @@ def _one_stage(kept: str, left_out: str) -> Callable[[Mapping[str, Any]], dict[s
 
 def _context(given: int) -> Callable[[Mapping[str, Any]], dict[str, Any]]:
     """Other frames shown, as many forecast."""
-    return lambda config: {
-        "data.given": given,
-        "data.length": config["data"]["length"] - config["data"]["given"] + given,
-    }
+
+    def changes(config: Mapping[str, Any]) -> dict[str, Any]:
+        length, before = config["data"]["length"], config["data"]["given"]
+        return {"data.given": given} | ({} if length is None else {"data.length": length - before + given})
+
+    return changes
 
 
 SWITCHES = {

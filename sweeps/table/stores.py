@@ -2,10 +2,9 @@
 
 import subprocess
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -14,6 +13,7 @@ from envpred.errors import UserError
 from envpred.mapping.dogma import DogmaParameters
 from envpred.mapping.particle_state import GROUND, ParticleFilterParameters
 from envpred.store import FORMAT, MAPPING_ARRAYS, DriveWriter, Store
+from envpred.store.files import flat
 from sweeps.table.plan import MAIN
 
 Filter = ParticleFilterParameters
@@ -74,7 +74,7 @@ def command(key: str, main: Path, folder: Path, source: Path) -> list[str]:
     """The options of `envpred grids` that map the drives into the store `key`, all else as in the store `main`."""
     parameters = dict(Store(main).parameters("mapping")) | {"ground": GROUNDS[key]}
     drives = "[" + ",".join(Store(main).drives) + "]"
-    given = {"source": source, "store": folder, "drives": drives, **_flat(parameters)}
+    given = {"source": source, "store": folder, "drives": drives, **flat(parameters)}
     return [f"--{name}={value}" for name, value in given.items()]
 
 
@@ -102,10 +102,3 @@ def _copy_grids(main: Store, folder: Path) -> None:
                     writer = out.add(array, values.dtype, values.shape)
                     for frame in values:
                         writer.append(np.array(frame))
-
-
-def _flat(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    flat: dict[str, Any] = {}
-    for name, value in values.items():
-        flat |= _flat(value, f"{prefix}{name}.") if isinstance(value, Mapping) else {f"{prefix}{name}": value}
-    return flat

@@ -1,11 +1,12 @@
-"""Files that are replaced in one step or not at all."""
+"""Files that are replaced in one step or not at all, and plain data with dotted names."""
 
 import json
+import threading
 from pathlib import Path
 
 import pytest
 
-from envpred.store.files import digest, read_json, replaced, write_json
+from envpred.store.files import digest, flat, read_json, replace_text, replaced, write_json
 
 
 def test_a_file_is_replaced_when_it_is_whole(tmp_path: Path) -> None:
@@ -44,3 +45,28 @@ def test_json_that_cannot_be_written_leaves_the_old(tmp_path: Path) -> None:
 
 def test_digest_does_not_depend_on_the_order_of_keys() -> None:
     assert digest({"a": 1, "b": 2}) == digest({"b": 2, "a": 1}) != digest({"a": 2, "b": 1})
+
+
+def test_nested_names_are_dotted() -> None:
+    assert flat({"a": {"b": {"c": 1}, "d": [2, {"e": 3}]}, "f": None}) == {"a.b.c": 1, "a.d": [2, {"e": 3}], "f": None}
+    assert flat({"a": {}, "b": {"c": {}}}) == {"a": {}, "b.c": {}}  # an empty mapping is a value, not nothing
+    assert flat({}) == {}
+
+
+def test_a_replaced_file_is_the_old_one_or_the_new_one(tmp_path: Path) -> None:
+    file, texts = tmp_path / "file", ("a" * 100_000, "b" * 50_000)
+    replace_text(file, texts[0])
+    done = threading.Event()
+
+    def write() -> None:
+        for k in range(100):
+            replace_text(file, texts[k % 2])
+        done.set()
+
+    writer = threading.Thread(target=write)
+    writer.start()
+    found = set()
+    while not done.is_set():
+        found.add(file.read_text())
+    writer.join()
+    assert found <= set(texts)

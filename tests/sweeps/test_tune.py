@@ -1,7 +1,10 @@
 """`python -m sweeps.tune` as a user calls it, with trials that train nothing, and once with trials that do."""
 
 import csv
+import inspect
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
@@ -10,8 +13,9 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 
 from envpred.cli import main as envpred
 from envpred.cli.arguments import FitArguments
+from envpred.errors import UserError
 from sweeps.study.best import BEST
-from sweeps.tune import main
+from sweeps.tune import main, tune
 from tests.store.stores import write_store
 from tests.sweeps.conftest import SMALL, tuning
 
@@ -106,6 +110,26 @@ def test_failing_trials_end_in_their_reason(
     line = failed(tuning(store, space_file, tmp_path, "--trials=2", "--max_failures=2"), capsys)
     assert "the last 2 trials" in line
     assert "CUDA out of memory" in line
+
+
+def test_workers_of_a_cluster_are_given_the_same_options(
+    store: Path, space_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told: dict[str, Any] = {}
+
+    def on_cluster(address: str, module: str, options: Mapping[str, Any], fit: list[str]) -> None:
+        told.update(options, address=address, module=module, fit=fit)
+        raise UserError("enough")
+
+    monkeypatch.setattr("sweeps.tune.on_cluster", on_cluster)
+    given = {"trials": 7, "seed": 3, "grace": 9.0, "max_failures": 2, "sampler": "random", "pruner": "hyperband"}
+    options = [*(f"--{name}={value}" for name, value in given.items()), "--force=true", "--cluster=tcp://somewhere"]
+    assert "enough" in failed(tuning(store, space_file, tmp_path, *options), capsys)
+    assert told.keys() - {"address", "module"} == inspect.signature(tune).parameters.keys() - {"cluster"}
+    assert {name: told[name] for name in given} == given
+    assert (told["address"], told["module"], told["force"]) == ("tcp://somewhere", "sweeps.tune", True)
+    assert (told["variant"], told["space"], told["store"], told["out"]) == ("dst_static", space_file, store, tmp_path)
+    assert "--data.samples=3" in told["fit"]
 
 
 def test_a_spaces_own_configuration_is_taken(store: Path, space_file: Path, tmp_path: Path, stubbed: None) -> None:

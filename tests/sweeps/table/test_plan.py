@@ -69,13 +69,20 @@ def test_every_variant_is_run_with_every_seed_and_set_of_hyperparameters(tmp_pat
         ("ground_velocity", {}),
         ("fewer_particles", {}),
         ("ransac", {}),
-        ("context_3", {"given": 3, "length": 18}),
-        ("context_10", {"given": 10, "length": 25}),
+        ("context_3", {"given": 3}),
+        ("context_10", {"given": 10}),
     ],
 )
 def test_a_switch_changes_one_thing(name: str, changes: dict[str, Any]) -> None:
     assert changed(name) == changes
     assert (SWITCHES[name].store == MAIN) == bool(changes)  # what changes nothing here changes the grids
+
+
+def test_more_frames_shown_leave_those_forecast_as_many() -> None:
+    runs = planned(["context_3", "context_10"], fit=[*FIT, "--data.length=15"])
+    data = {name: FitArguments([*runs[name].options, "--data.store=."]).base["data"] for name in runs}
+    lengths = {name: (data[name]["given"], data[name]["length"]) for name in ("context_3", "context_10")}
+    assert lengths == {"context_3": (3, 13), "context_10": (10, 20)}
 
 
 def test_a_switch_is_reported_beside_the_unchanged_run() -> None:
