@@ -2,8 +2,8 @@
 
     python -m benchmarks.rollout --store grids/ [--threads 2] [--rounds 20]
 
-The store is built with `--config configs/grids/rollout.yaml`.  The promises, on two cores, 16 futures and 15 horizons: at
-most 30 ms for the rollout, 40 ms with movers, 60 ms with the network.
+The store is built with `--config configs/grids/rollout.yaml`.  The promises, on two cores, 16 futures and 15 horizons:
+at most 30 ms for the rollout, 40 ms with movers, 60 ms with the network.
 """
 
 import argparse

@@ -16,6 +16,9 @@ from envpred.models.rollout import RolloutForecaster, Window
 from envpred.networks.correction import FACTOR, LEAST, Canvas, Correction
 from envpred.networks.muon import Muon
 
+# Where the ego stands little changes, static is hard to beat, and there are few such drives to learn from: half of the
+# correction counts there.
+TRUST_STANDING = 0.5
 MARGIN = 8  # cells of the canvas around the future grids
 
 
@@ -77,15 +80,18 @@ class CorrectedRolloutForecaster(RolloutForecaster):
         return int(self.hparams["horizons"])
 
     def forecast(self, seen: Seen, horizons: int) -> Forecast:
-        return Forecast(self._corrected(seen, horizons, torch.arange(horizons)))
+        return Forecast(self._corrected(seen, horizons, torch.arange(horizons), TRUST_STANDING))
 
-    def _corrected(self, seen: Seen, horizons: int, which: Tensor) -> Tensor:
+    def _corrected(self, seen: Seen, horizons: int, which: Tensor, standing: float = 1.0) -> Tensor:
         """Probabilities (B, len(which), H, W) at the horizons `which` (0 is the first) of `horizons` rolled out."""
         windows = [self._window(seen, b) for b in range(len(seen["pose"]))]
         with ThreadPoolExecutor(max(1, torch.get_num_threads())) as pool:
-            return torch.stack([self._correct(window, horizons, which, pool) for window in windows])
+            return torch.stack([self._correct(window, horizons, which, standing, pool) for window in windows])
 
-    def _correct(self, window: Window, horizons: int, which: Tensor, pool: ThreadPoolExecutor) -> Tensor:
+    def _correct(
+        self, window: Window, horizons: int, which: Tensor, standing: float, pool: ThreadPoolExecutor
+    ) -> Tensor:
+        """The forecast of one window; `standing` is the share of the correction that counts while the ego stands."""
         futures, offset = self.ego(window, horizons), self.offset(window)
         scene, _ = self._scene(window, futures)
         rendered = self._sensor(window).rendered(*scene, pool.map, offset)[which]
@@ -101,8 +107,11 @@ class CorrectedRolloutForecaster(RolloutForecaster):
             corner,
             spread.to(device),
             which.to(device),
-        )
-        return corrected.float()
+        ).float()
+        rolled = torch.from_numpy(0.5 + 0.5 * (rendered[:, 0] - rendered[:, 1])).to(device)
+        moved = np.hypot(*(mean - np.asarray(window["pose"][-1], np.float64)[:2]).T).max(initial=0)
+        less = (1 - standing) * float(np.clip(1.5 - moved, 0, 1))  # cells; who moves by half a cell still stands
+        return corrected.lerp(rolled, less) if less else corrected
 
     def _canvas(self, window: Window, centres: NDArray[np.int64], n: int) -> tuple[Canvas, list[list[int]]]:
         """What was seen, cut to what the future grids cover and a margin, and their first cells in it."""
