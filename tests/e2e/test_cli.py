@@ -40,9 +40,9 @@ QUICK = ["--trainer.accelerator=cpu", "--trainer.enable_progress_bar=false", "--
 @pytest.fixture(scope="module")
 def store(tmp_path_factory: pytest.TempPathFactory) -> Path:
     drives = {name: list(range(40)) for name in ("a", "b", "c")}
-    return write_store(
-        tmp_path_factory.mktemp("e2e") / "grids", drives, cells=32, dogma=True
-    )  # FCN halves it five times
+    folder = tmp_path_factory.mktemp("e2e") / "grids"
+    # 32 cells, because FCN halves them five times.
+    return write_store(folder, drives, cells=32, dogma=True, context=64, frame="ground")
 
 
 @pytest.fixture(autouse=True)

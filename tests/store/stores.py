@@ -23,6 +23,7 @@ def write_store(
     dogma: bool = False,
     context: int | None = None,
     period: float = 0.1,
+    frame: str = "ego",
 ) -> Path:
     """A store whose `drives` have the given frame numbers: a box moves through free space, the ego drives east.
 
@@ -35,6 +36,7 @@ def write_store(
         dogma: whether velocities and particle forecasts are there too.
         context: cells of the wide grid, whose outer cells are free but for a wall at its eastern border.
         period: seconds between frames.
+        frame: that velocities are said to be relative to.
     """
     random = np.random.default_rng(seed)
     key = Store(folder).claim("mapping", parameters or {"cells": cells, "evidence": asdict(evidence.PAPER)})
@@ -90,7 +92,7 @@ def write_store(
                 out.add("context_label", wide.dtype, wide.shape).extend(wide)
                 out.add("context_evidence", wide_mass.dtype, wide_mass.shape).extend(wide_mass)
         if dogma:
-            with DriveWriter(folder, name, "dogma", Store(folder).claim("dogma", {}), {}) as out:
+            with DriveWriter(folder, name, "dogma", Store(folder).claim("dogma", {"filter": {"frame": frame}}), {}) as out:
                 for array, values in dynamic.items():
                     out.add(array, values.dtype, values.shape).extend(values)
     return folder
