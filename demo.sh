@@ -12,13 +12,13 @@ else
   drives=drives
   [ -d drives ] || envpred simulate drives --drives 10 --frames 120 --seed 0
 fi
-envpred grids --source "$drives" --store grids --particle_forecast '[all]'
+envpred grids --source "$drives" --store grids --context 256 --particle_forecast '[all]'
 
 configs=$repository/configs
 common=(--config "$configs/data/dst_static.yaml" --data.store grids --trainer.enable_model_summary false)
 
-fit() { # a model's configuration; goes on where it stopped, and does nothing if it is finished
-  local run=runs/${1%_*}/dst_static resume=()
+fit() { # a model's configuration, the name of its runs; goes on where it stopped, and does nothing if it is finished
+  local run=runs/$2/dst_static resume=()
   [ -f "$run/finished" ] && return
   [ -n "$(find "$run" -name last.ckpt 2>/dev/null)" ] && resume=(--ckpt_path last)
   envpred fit --config "$configs/model/$1.yaml" "${common[@]}" "${resume[@]}"
@@ -28,10 +28,12 @@ evaluate() { # a model's configuration, options; its result is the newest in its
   envpred test --config "$configs/model/$1.yaml" "${common[@]}" --trainer.enable_progress_bar false "${@:2}"
 }
 
-fit prednet_small
-fit fcn_small
+fit prednet_small prednet
+fit fcn_small fcn
+fit corrected_rollout_quick corrected_rollout
 evaluate prednet_small --ckpt_path best
 evaluate fcn_small --ckpt_path best
+evaluate corrected_rollout_quick --ckpt_path best
 # The baselines compute little, so two at a time, a core each.
 export OMP_NUM_THREADS=1
 evaluate last_frame & one=$!
@@ -40,9 +42,11 @@ wait $one
 evaluate moved_last_frame_oracle & one=$!
 evaluate particle_forecast
 wait $one
+evaluate rollout
 
 results=()
-for model in prednet fcn last_frame moved_last_frame moved_last_frame_oracle particle_forecast; do
+for model in prednet fcn last_frame moved_last_frame moved_last_frame_oracle particle_forecast rollout \
+  corrected_rollout; do
   results+=("$(find runs/$model -name result.json | sort -V | tail -1)")
 done
 envpred report "${results[@]}" --out report

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -143,6 +144,7 @@ class RolloutForecaster(Forecaster):
             last, cells = np.asarray(pose[-1], np.float64) + moved, judged.shape[-1]
             rates, seconds = hit_rates.default(), float(period)
             world = rates.world(label, centre_cells, mass, futures + moved, last, float(resolution), cells, seconds)
+            world = replace(world, place=(world.place[0] - moved[0], world.place[1] - moved[1]))
         if not self.hparams["movers"]:
             return world, None
         velocity, covariance = (np.asarray(window[name][-1], np.float32) for name in ("velocity", "velocity_cov"))

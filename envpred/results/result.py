@@ -40,7 +40,5 @@ def name_pictures(file: Path, pictures: Mapping[str, str], drawn: str | None) ->
 
 def short_name(class_name: str) -> str:
     """Short name of a forecaster's class: PredNetForecaster -> prednet, LastFrame -> last_frame."""
-    name = class_name.removesuffix("Forecaster")
-    if class_name != name:
-        return name.lower()
-    return re.sub(r"(?<=.)([A-Z])", r"_\1", name).lower()
+    name = class_name.removesuffix("Forecaster").replace("PredNet", "Prednet")  # one word, whatever its capitals say
+    return re.sub(r"(?<=[a-z0-9])([A-Z])", r"_\1", name).lower()

@@ -90,7 +90,8 @@ def test_work_is_counted(store: Path, tmp_path: Path) -> None:
 
 
 def test_short_names() -> None:
-    assert [short_name(n) for n in ("PredNetForecaster", "LastFrame")] == ["prednet", "last_frame"]
+    names = ("PredNetForecaster", "LastFrame", "FCNForecaster", "CorrectedRolloutForecaster")
+    assert [short_name(name) for name in names] == ["prednet", "last_frame", "fcn", "corrected_rollout"]
 
 
 @pytest.mark.slow

@@ -92,7 +92,8 @@ def write_store(
                 out.add("context_label", wide.dtype, wide.shape).extend(wide)
                 out.add("context_evidence", wide_mass.dtype, wide_mass.shape).extend(wide_mass)
         if dogma:
-            with DriveWriter(folder, name, "dogma", Store(folder).claim("dogma", {"filter": {"frame": frame}}), {}) as out:
+            moved = Store(folder).claim("dogma", {"filter": {"frame": frame}})
+            with DriveWriter(folder, name, "dogma", moved, {}) as out:
                 for array, values in dynamic.items():
                     out.add(array, values.dtype, values.shape).extend(values)
     return folder

@@ -1,0 +1,117 @@
+"""The network on top of the rollout: it starts as the rollout, learns, and reads windows that are turned alike."""
+
+import json
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from lightning.pytorch import seed_everything
+
+from envpred.datamodules import GridDataModule
+from envpred.datamodules.windows import Draw, collate
+from envpred.errors import UserError
+from envpred.models import CorrectedRolloutForecaster, RolloutForecaster
+from envpred.models.corrected_rollout import _extent
+from envpred.models.forecaster import Forecaster
+from envpred.models.loading import load_forecaster
+from envpred.networks.correction import FACTOR
+from envpred.results.result import RESULT
+from tests.models.trainers import grids, trainer
+from tests.store.stores import write_store
+
+SMALL: dict[str, Any] = {"given": 3, "horizons": 5, "width": 8, "fine": 8, "head": 8, "futures": 2, "max_epochs": 2}
+
+
+@pytest.fixture(scope="module")
+def store(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    drives = {name: list(range(24)) for name in "abc"}
+    folder = tmp_path_factory.mktemp("grids") / "grids"
+    return write_store(folder, drives, cells=32, dogma=True, context=64, frame="ground")
+
+
+def module(store: Path, model: Forecaster, **options: Any) -> GridDataModule:
+    """A data module that serves `model`."""
+    data = grids(store, **options)
+    fake: Any = SimpleNamespace(lightning_module=model, current_epoch=0)
+    data.trainer = fake
+    data.setup("fit")
+    return data
+
+
+@pytest.mark.parametrize("movers", [False, True])
+def test_untrained_it_is_the_rollout(store: Path, movers: bool) -> None:
+    corrected = CorrectedRolloutForecaster(**SMALL, movers=movers).eval()
+    rollout = RolloutForecaster(given=3, futures=2, movers=movers)
+    seen = collate([module(store, corrected).datasets["val"][0]])["seen"]
+    with torch.no_grad():
+        forecast = corrected.forecast(seen, 5).probability
+    expected = rollout.forecast(seen, 5).probability
+    torch.testing.assert_close(forecast, expected.clamp(0.002, 0.998), atol=2e-5, rtol=0)
+
+
+def test_it_learns_and_its_checkpoint_forecasts(store: Path, tmp_path: Path) -> None:
+    seed_everything(1, verbose=False)
+    model = CorrectedRolloutForecaster(**SMALL, scored=3, lr=0.02)
+    run = trainer(tmp_path)
+    run.fit(model, datamodule=grids(store, samples=30, crop=None))
+    best = tmp_path / "checkpoints" / "best.ckpt"
+    trained = load_forecaster(best)
+    for name, forecaster in (("trained", trained), ("rollout", RolloutForecaster(given=3, futures=2))):
+        trainer(tmp_path / name).test(forecaster, datamodule=grids(store, test=["c"]), verbose=False)
+    mse = {
+        name: np.mean(json.loads((tmp_path / name / RESULT).read_text())["metrics"]["mse"]["mean"])
+        for name in ("trained", "rollout")
+    }
+    assert mse["trained"] < 0.9 * mse["rollout"]
+
+
+@pytest.mark.parametrize("symmetry", range(8))
+@pytest.mark.parametrize("world", ["label", "hits"])
+def test_turned_windows_have_turned_forecasts(store: Path, symmetry: int, world: Any) -> None:
+    """Poses, lattice, sensor and body turn with the grid; one cell at the border may differ where it is mirrored."""
+    model = RolloutForecaster(given=3, futures=1, world=world)
+    windows = module(store, model).datasets["train"]
+    plain, turned = (collate([windows[Draw(2, k)]])["seen"] for k in (0, symmetry))
+    expected, found = (model.forecast(seen, 5).probability[0].numpy() for seen in (plain, turned))
+    if symmetry & 1:
+        expected = expected.swapaxes(-1, -2)
+    expected = expected[..., ::-1, :] if symmetry & 2 else expected
+    expected = expected[..., ::-1] if symmetry & 4 else expected
+    differs = np.abs(found - expected) > 0.02
+    assert differs[:, 2:-2, 2:-2].mean() < 0.02
+
+
+def test_a_trained_correction_counts_half_where_the_ego_stands(store: Path) -> None:
+    model = CorrectedRolloutForecaster(**SMALL).eval()
+    torch.nn.init.constant_(model.network.leave.bias, 1.0)  # type: ignore[arg-type]
+    seen = collate([module(store, model).datasets["val"][0]])["seen"]
+    seen["pose"] = seen["pose"][:, -1:].expand_as(seen["pose"]).clone()
+    rolled = RolloutForecaster(given=3, futures=2).forecast(seen, 5).probability
+    which = torch.arange(5)
+    with torch.no_grad():
+        whole = model._corrected(seen, 5, which)
+        half = model.forecast(seen, 5).probability
+    torch.testing.assert_close(half, 0.5 * whole + 0.5 * rolled, atol=1e-3, rtol=0)
+    assert (whole - rolled).abs().max() > 0.05
+
+
+@pytest.mark.parametrize("moved", [[[0, 0]], [[3, 0], [40, 2]], [[-50, 9], [-80, 90]]])
+def test_the_canvas_lies_in_the_context_and_divides(moved: list[list[int]]) -> None:
+    low, high = _extent(np.array(moved), n=128, margin=64, cells=256)
+    assert (low >= 0).all()
+    assert (high <= 256).all()
+    assert ((high - low) % FACTOR == 0).all()
+    inside = np.clip(np.array(moved) + 64, 0, 128)  # as far as the context goes
+    assert (low <= inside.min(axis=0)).all()
+    assert (high >= np.minimum(inside.max(axis=0) + 128, 256)).all()
+
+
+def test_bad_sizes_are_refused(store: Path, tmp_path: Path) -> None:
+    with pytest.raises(UserError, match=r"--model\.width 12"):
+        CorrectedRolloutForecaster(width=12)
+    few = CorrectedRolloutForecaster(**(SMALL | {"horizons": 4}))
+    with pytest.raises(UserError, match="reaches 4 frames ahead"):
+        trainer(tmp_path).test(few, datamodule=grids(store, test=["c"]), verbose=False)

@@ -1,0 +1,46 @@
+"""The network of the correction: zero at the start, gradients of its windows, and places outside the canvas."""
+
+import torch
+
+from envpred.networks.correction import Canvas, Correction, Cut, context_channels
+
+
+def inputs(n: int = 16, side: int = 32, horizons: int = 3) -> tuple[Canvas, torch.Tensor, torch.Tensor, torch.Tensor]:
+    generator = torch.Generator().manual_seed(0)
+    channels = torch.rand(context_channels(2), side, side, generator=generator)
+    masses = torch.rand(horizons, 4, n, n, generator=generator) / 2
+    canvas = Canvas(channels, torch.ones(side, side), torch.zeros(side, side))
+    return canvas, masses, torch.rand(horizons, 2, generator=generator), torch.arange(horizons)
+
+
+def test_untrained_it_leaves_what_is_rendered() -> None:
+    canvas, masses, spread, which = inputs()
+    network = Correction(given=2, horizons=3, width=8, fine=8, head=8)
+    found = network(canvas, masses, [[0, 0], [5, 9], [16, 16]], spread, which)
+    torch.testing.assert_close(found, 0.5 + 0.5 * (masses[:, 0] - masses[:, 1]))
+
+
+def test_grids_beyond_the_canvas_see_its_border() -> None:
+    canvas, masses, spread, which = inputs()
+    network = Correction(given=2, horizons=3, width=8, fine=8, head=8)
+    torch.nn.init.normal_(network.leave.weight, std=0.5)
+    far = network(canvas, masses, [[-20, 0], [5, 40], [0, 0]], spread, which)
+    near = network(canvas, masses, [[0, 0], [5, 9], [0, 0]], spread, which)
+    assert torch.isfinite(far).all()
+    torch.testing.assert_close(far[2], near[2])
+
+
+def test_one_horizon_at_a_time_is_the_same() -> None:
+    """Without gradients the head takes one horizon after the other."""
+    canvas, masses, spread, which = inputs()
+    network = Correction(given=2, horizons=3, width=8, fine=8, head=8)
+    torch.nn.init.normal_(network.leave.weight, std=0.5)
+    corners = [[0, 0], [5, 9], [16, 16]]
+    together = network(canvas, masses, corners, spread, which)
+    with torch.no_grad():
+        torch.testing.assert_close(network(canvas, masses, corners, spread, which), together, rtol=1e-5, atol=1e-6)
+
+
+def test_gradients_go_where_windows_came_from() -> None:
+    maps = torch.rand(2, 6, 6, dtype=torch.double, requires_grad=True)
+    assert torch.autograd.gradcheck(lambda m: Cut.apply(m, [[0, 1], [2, 2]], 3), maps)  # type: ignore[no-untyped-call]
