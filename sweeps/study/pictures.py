@@ -2,6 +2,7 @@
 
 import warnings
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,10 @@ from envpred.store.files import replaced
 
 PICTURES: dict[str, Callable[[optuna.Study], Any]] = {
     "history": optuna.visualization.matplotlib.plot_optimization_history,
-    "importances": optuna.visualization.matplotlib.plot_param_importances,
+    # Optuna's default from 5.0 on; before that it was one that needs scikit-learn.
+    "importances": partial(
+        optuna.visualization.matplotlib.plot_param_importances, evaluator=optuna.importance.PedAnovaImportanceEvaluator()
+    ),
     "parallel_coordinates": optuna.visualization.matplotlib.plot_parallel_coordinate,
     "intermediate_values": optuna.visualization.matplotlib.plot_intermediate_values,
 }
