@@ -1,13 +1,15 @@
 # Every target works on a fresh machine: it makes the virtual environment it needs.
-# PYTHON: any Python from 3.11 on.  VENV: where the environment lies.
+# PYTHON: any Python from 3.11 on.  VENV: where the environment lies.  OLDEST: where that of the
+# oldest releases lies, whose torch brings CUDA's libraries along on Linux (6 GB on the disk).
 # KITTI: a folder of real drives for the demo; without it the demo simulates its own.
 PYTHON ?= python3
 VENV ?= .venv
+OLDEST ?= .venv-oldest
 DEMO ?= demo
 KITTI ?=
 BIN := $(VENV)/bin
 
-.PHONY: install test slow lint bench demo clean
+.PHONY: install test slow oldest lint bench demo clean
 
 install: $(VENV)/.installed
 
@@ -22,6 +24,15 @@ test: install
 
 slow: install
 	$(BIN)/python -m pytest -m slow
+
+# The suite with the oldest release of everything that pyproject.toml allows.
+oldest: $(OLDEST)/.installed
+	$(OLDEST)/bin/python -m pytest
+
+$(OLDEST)/.installed: pyproject.toml constraints-oldest.txt
+	$(PYTHON) -m venv $(OLDEST)
+	$(OLDEST)/bin/pip install --quiet --constraint constraints-oldest.txt --editable '.[test]'
+	touch $@
 
 lint: install
 	$(BIN)/ruff check
@@ -39,4 +50,4 @@ demo: install
 	PATH="$(abspath $(BIN)):$$PATH" DEMO="$(DEMO)" KITTI="$(KITTI)" bash demo.sh
 
 clean:
-	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	rm -rf $(VENV) $(OLDEST) .mypy_cache .ruff_cache .pytest_cache .hypothesis

@@ -11,9 +11,16 @@ from optuna.trial import TrialState
 
 from envpred.store.files import replaced
 
+
+def _importances(study: optuna.Study) -> Any:
+    """By Optuna's default from 5.0 on; the one before that needs scikit-learn."""
+    evaluator = optuna.importance.PedAnovaImportanceEvaluator()
+    return optuna.visualization.matplotlib.plot_param_importances(study, evaluator)
+
+
 PICTURES: dict[str, Callable[[optuna.Study], Any]] = {
     "history": optuna.visualization.matplotlib.plot_optimization_history,
-    "importances": optuna.visualization.matplotlib.plot_param_importances,
+    "importances": _importances,
     "parallel_coordinates": optuna.visualization.matplotlib.plot_parallel_coordinate,
     "intermediate_values": optuna.visualization.matplotlib.plot_intermediate_values,
 }
@@ -33,7 +40,7 @@ def draw(study: optuna.Study, folder: Path) -> list[Path]:
     files = []
     for name, plot in PICTURES.items():
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # that matplotlib's side of Optuna is experimental
+            warnings.simplefilter("ignore")  # that matplotlib's side of Optuna, and importances of 4, are experimental
             drawn = plot(study)
         figure: Figure = (drawn.flat[0] if hasattr(drawn, "flat") else drawn).figure
         figure.set_size_inches(9, 5)
