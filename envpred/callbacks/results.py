@@ -21,6 +21,7 @@ class ResultWriter(Callback):
 
     def __init__(self, metrics: list[Callable[[int], WindowMetric]] | None = None) -> None:
         self.metrics = metrics or []
+        self.folder = Path()
         self.file: Path | None = None
 
     def setup(self, trainer: Trainer, pl_module: LightningModule, stage: str) -> None:
@@ -29,6 +30,7 @@ class ResultWriter(Callback):
             pl_module.extra_metrics = self.metrics
 
     def on_test_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
+        self.folder = Path(trainer.log_dir or trainer.default_root_dir)  # all processes agree on it together
         self.file = None
 
     def on_test_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
@@ -39,13 +41,12 @@ class ResultWriter(Callback):
     def write(self, trainer: Trainer, forecaster: Forecaster) -> Path:
         """Write the result of the test that has just ended, once; returns its file."""
         if self.file is None:
-            folder = Path(trainer.log_dir or trainer.default_root_dir)
             result = {
                 **provenance(forecaster, "test"),
                 "metrics": {name: value.as_json() for name, value in forecaster.tested.items()},
                 "forecast_seconds_per_window": forecaster.forecast_seconds / max(forecaster.forecast_windows, 1),
             }
-            self.file = write_result(folder / RESULT, result)
+            self.file = write_result(self.folder / RESULT, result)
             rank_zero_info(f"result: {self.file}")
         return self.file
 

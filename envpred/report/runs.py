@@ -62,7 +62,7 @@ def read_run(file: Path) -> Run:
     if "mse" not in metrics or metrics["mse"].per_window is None:
         raise UserError(f"{file}: incomplete, no mean squared error per window; run `envpred test` again")
     bins = {key: _array(value) for key, value in reliability.items()} if reliability else None
-    label = f"{name} ({variant})"
+    label = f"{name} ({variant})" + (", untrained" if record["model"].get("untrained") else "")
     return Run(file, label, name, role, variant, horizon_s, metrics, bins, data, record)
 
 

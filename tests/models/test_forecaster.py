@@ -7,7 +7,7 @@ import torch
 from numpy.typing import NDArray
 from torch import nn
 
-from envpred.datamodules import Forecast, Seen
+from envpred.datamodules import Forecast, Seen, WindowBatch
 from envpred.mapping.evidence import pignistic
 from envpred.models import LastFrame
 from envpred.models.forecaster import Forecaster
@@ -94,11 +94,23 @@ def test_short_names() -> None:
     assert [short_name(name) for name in names] == ["prednet", "last_frame", "fcn", "corrected_rollout"]
 
 
+class OneSecondEach(LastFrame):
+    """Takes a second a window, as far as the clock of the test step goes."""
+
+    def test_step(self, batch: WindowBatch, batch_index: int) -> None:
+        super().test_step(batch, batch_index)
+        self.forecast_seconds = float(self.forecast_windows)
+
+
 @pytest.mark.slow
 def test_two_processes_give_the_result_of_one(store: Path, tmp_path: Path) -> None:
-    """Three windows over two processes: the sampler pads with a duplicate, which must not count."""
+    """Three windows over two processes: the sampler pads with a duplicate, which must not count.
+
+    Each process forecasts half of the windows, in half of the time: a window takes as long as before.
+    """
     for name, devices in (("one", 1), ("two", 2)):
         run = trainer(tmp_path / name, devices=devices, strategy="ddp_spawn" if devices > 1 else "auto")
-        run.test(LastFrame(given=3), datamodule=grids(store, test=["c"]), verbose=False)
-    one, two = (json.loads((tmp_path / n / RESULT).read_text())["metrics"] for n in ("one", "two"))
-    assert one == two
+        run.test(OneSecondEach(given=3), datamodule=grids(store, test=["c"]), verbose=False)
+    one, two = (json.loads((tmp_path / n / RESULT).read_text()) for n in ("one", "two"))
+    assert one["metrics"] == two["metrics"]
+    assert one["forecast_seconds_per_window"] == two["forecast_seconds_per_window"] == 1

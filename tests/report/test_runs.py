@@ -195,3 +195,8 @@ def test_unreadable_and_missing_results_are_refused(make_run: MakeRun, tmp_path:
         read_runs([tmp_path / "nowhere"])
     with pytest.raises(UserError, match="no test run given"):
         read_runs([])
+
+
+def test_random_weights_are_called_untrained(make_run: MakeRun) -> None:
+    run = read_run(make_run(change=lambda record: record["model"].update(untrained=True)))
+    assert run.label == "prednet (dst_static), untrained"
