@@ -198,5 +198,5 @@ def test_unreadable_and_missing_results_are_refused(make_run: MakeRun, tmp_path:
 
 
 def test_random_weights_are_called_untrained(make_run: MakeRun) -> None:
-    run = read_run(make_run(change=lambda record: record["model"].update(untrained=True)))
+    (run,) = read_runs([make_run(change=lambda record: record["model"].update(untrained=True))])
     assert run.label == "prednet (dst_static), untrained"
