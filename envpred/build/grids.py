@@ -34,6 +34,7 @@ def build(
     cluster: str | None = None,
     force: bool = False,
     context: int | None = None,
+    reader: str | None = None,
 ) -> None:
     """Map every drive under `source` that the store does not hold yet.
 
@@ -46,6 +47,7 @@ def build(
         cluster: address of a Dask scheduler.
         force: map again what is there, also with other parameters.
         context: cells of a wider grid that is mapped beside the judged one, and added to drives that lack it.
+        reader: the only reader that is asked for drives, as module.function; by default all are.
 
     Raises:
         UserError: if drives fail (after the others are done), or the store does not fit.
@@ -56,7 +58,7 @@ def build(
     if context is not None:
         parameters.grid.wider(context)  # refuses what does not fit
     with ends_at_once():  # readers bring libraries of their own
-        found = [thinned(drive, parameters.every) for drive in _chosen(find_drives(source), drives)]
+        found = [thinned(drive, parameters.every) for drive in _chosen(find_drives(source, reader), drives)]
     target = Store(store)
     keys = {"mapping": target.claim("mapping", parameters.as_dict(), force=force)}
     if context is not None:

@@ -33,6 +33,7 @@ def grids(
     sensor: Literal["calibration", "paper"] = "calibration",
     every: int = 1,
     context: int | None = None,
+    reader: str | None = None,
     workers: int | None = None,
     cluster: str | None = None,
     force: bool = False,
@@ -55,6 +56,7 @@ def grids(
         sensor: where the sensor sits: by the day's calibration, or as the paper's code takes it.
         every: map every so many scans alone: 2 makes 10 Hz of a drive of 20 Hz.
         context: cells of a wider grid that is mapped beside the one that is judged, and added to drives that lack it.
+        reader: module.function of a reader of your own, in a file in the current folder; by default all are asked.
         workers: local processes; by default one a core.
         cluster: address of a Dask scheduler that works instead of local processes.
         force: build again what is there, also with other parameters.
@@ -68,7 +70,7 @@ def grids(
     dogma = dogma or bool(particle_forecast)
     if source is not None:
         parameters = MappingParameters(grid, ground, rays, evidence, sensor, every)
-        build(source, store, parameters, drives, workers, cluster, force, context)
+        build(source, store, parameters, drives, workers, cluster, force, context, reader)
     elif not dogma or context is not None:
         raise UserError("give the folder with the drives as --source; velocities alone (--dogma true) need none")
     if dogma:

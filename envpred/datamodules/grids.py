@@ -7,7 +7,6 @@ from typing import Any, Literal
 import numpy as np
 from lightning.pytorch import LightningDataModule
 from lightning.pytorch.utilities import rank_zero_info
-from numpy.typing import NDArray
 from torch.utils.data import DataLoader
 
 from envpred.datamodules.contract import Needs
@@ -21,6 +20,7 @@ from envpred.datamodules.windows import (
     WindowDataset,
     collate,
     every_window,
+    occupancy_of,
     windows_in_order,
 )
 from envpred.errors import UserError
@@ -187,7 +187,7 @@ class GridDataModule(LightningDataModule):
         """
         data = WindowDataset(self._places("train"), self.view, self.given, self.horizons, stride=self.stride)
         chosen = np.unique(np.linspace(0, len(data) - 1, windows).round().astype(int))
-        return float(np.mean([_occupancy(data[int(k)]).mean() for k in chosen]))
+        return float(np.mean([occupancy_of(data[int(k)]).mean() for k in chosen]))
 
     def describe(self, part: str) -> dict[str, Any]:
         """What a result was measured on: split, drives, windows and hashes of their content.
@@ -292,10 +292,3 @@ class GridDataModule(LightningDataModule):
         if part == "val" and len(places) > self.val_windows:
             places = [places[k] for k in np.linspace(0, len(places) - 1, self.val_windows).round().astype(int)]
         return places
-
-
-def _occupancy(window: Window) -> NDArray[np.float32]:
-    """The probability of occupied (T, H, W) of all frames of a window."""
-    future = window["future"]
-    parts = [window["seen"]["occupancy"], *([future["occupancy"]] if future is not None else [])]
-    return np.concatenate([part.numpy() for part in parts])

@@ -162,6 +162,13 @@ def collate(windows: Sequence[Window]) -> WindowBatch:
     return cast(WindowBatch, default_collate(list(windows)))
 
 
+def occupancy_of(window: Window) -> NDArray[np.float32]:
+    """The probability of occupied (T, H, W) of all frames of a window."""
+    future = window["future"]
+    parts = [window["seen"]["occupancy"], *([future["occupancy"]] if future is not None else [])]
+    return np.concatenate([part.numpy() for part in parts])
+
+
 def pose_of(transform: FloatArray) -> FloatArray:
     """The pose (3,) in the plane, x, y and heading, of a rigid transform (4, 4) with x forward."""
     return np.array([*transform[:2, 3], heading_of(transform)])

@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterator
 from importlib.metadata import entry_points
 from pathlib import Path
 from types import ModuleType
+from typing import cast
 
 import envpred.drives
 from envpred.drives.drive import Drive
@@ -23,8 +24,12 @@ GROUP = "envpred.drives"  # of the entry points
 Find = Callable[[Path], list[Drive]]
 
 
-def find_drives(root: Path | str) -> list[Drive]:
+def find_drives(root: Path | str, reader: str | None = None) -> list[Drive]:
     """All drives at or below `root` that a reader recognises, sorted by name.
+
+    Args:
+        root: folder with drives.
+        reader: the only one that is asked, as module.function of a file of the user's own; by default all are.
 
     Raises:
         UserError: if `root` is not there or holds no drive, or a reader cannot be used.
@@ -33,7 +38,7 @@ def find_drives(root: Path | str) -> list[Drive]:
     if not root.is_dir():
         raise UserError(f"{root}: no such folder; give the folder that holds your drives")
     found: dict[str, Drive] = {}
-    for find in readers():
+    for find in readers() if reader is None else [_own(reader)]:
         for drive in find(root):
             if drive.name in found:
                 raise UserError(f"{root}: two drives are named {drive.name}; give the folder of one of them")
@@ -44,6 +49,20 @@ def find_drives(root: Path | str) -> list[Drive]:
             "or KITTI odometry (sequences/<number>/velodyne)"
         )
     return [found[name] for name in sorted(found)]
+
+
+def _own(name: str) -> Find:
+    """The reader that a dotted name leads to."""
+    module, _, function = name.rpartition(".")
+    try:
+        find = getattr(importlib.import_module(module), function)
+    except (ImportError, AttributeError, ValueError) as error:
+        raise UserError(
+            f"--reader {name}: {error}; give module.function of a file that Python finds from here"
+        ) from None
+    if not callable(find):
+        raise UserError(f"--reader {name}: no function; give one that takes a folder and returns its drives")
+    return cast(Find, find)
 
 
 def one_drive(root: Path | str, name: str | None = None) -> Drive:

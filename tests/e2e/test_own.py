@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 
 from envpred.cli import main
+from envpred.mapping.geometry import FREE, OCCUPIED
 from envpred.models.loading import load_forecaster
 from envpred.results.predictions import Predictions
 from envpred.results.result import RESULT
+from envpred.store import Store
 from tests.store.stores import write_store
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
@@ -31,7 +33,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     shutil.copytree(EXAMPLES, tmp_path / "mine")
     monkeypatch.chdir(tmp_path / "mine")
     monkeypatch.setattr(sys, "path", [p for p in sys.path if p != ""])
-    for name in ("forecaster", "variant", "metric"):
+    for name in ("forecaster", "variant", "metric", "reader"):
         monkeypatch.delitem(sys.modules, name, raising=False)
     return tmp_path / "mine"
 
@@ -84,3 +86,25 @@ def test_a_metric_of_ones_own_is_measured_and_shown(folder: Path, store: Path) -
     main(["report", str(result), "--out", "report"])
     assert "Confidence" in (folder / "report" / "report.html").read_text()
     assert f"{measured['mean'][0]:.3f}" in (folder / "report" / "confidence.md").read_text()
+
+
+def test_a_reader_of_ones_own_is_mapped(folder: Path) -> None:
+    """A wall 6 m ahead of a sensor that stands: its cells are occupied, those before it free."""
+    drive = folder / "recordings" / "yard"
+    drive.mkdir(parents=True)
+    wall = np.array([[6, y, z, 0] for y in np.arange(-3, 3, 0.1) for z in np.arange(-1.7, 1, 0.1)], np.float32)
+    road = np.array([[x, y, -1.73, 0] for x in np.arange(1, 6, 0.2) for y in np.arange(-3, 3, 0.2)], np.float32)
+    for k in range(4):
+        np.save(drive / f"{k}.npy", np.concatenate([wall, road]))
+    np.save(drive / "poses.npy", np.tile(np.eye(4), (4, 1, 1)))
+    main(["grids", "--reader", "reader.find", "--source", "recordings", "--store", "grids", "--workers", "1"])
+    label = Store(folder / "grids").drives["yard"].array("label")[-1]
+    assert label[64 + 18, 64] == OCCUPIED
+    assert (label[64 + 8 : 64 + 17, 64] == FREE).all()
+
+
+def test_a_reader_that_is_none_is_refused(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for name in ("reader.nothing", "nowhere.find", "reader.__doc__"):
+        with pytest.raises(SystemExit):
+            main(["grids", "--reader", name, "--source", ".", "--store", "grids"])
+        assert f"envpred: --reader {name}: " in capsys.readouterr().err
