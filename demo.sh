@@ -42,7 +42,7 @@ wait $one
 evaluate moved_last_frame_oracle & one=$!
 evaluate particle_forecast
 wait $one
-evaluate rollout
+evaluate rollout_static
 
 results=()
 for model in prednet fcn last_frame moved_last_frame moved_last_frame_oracle particle_forecast rollout \
