@@ -20,6 +20,7 @@ def trainer(folder: Path, **options: Any) -> Trainer:
         "enable_progress_bar": False,
         "enable_model_summary": False,
         "log_every_n_steps": 1,
+        "max_epochs": -1,  # the forecaster's own schedule ends it
         "num_sanity_val_steps": 0,
     }
     options["callbacks"] = [ResultWriter(), *options.get("callbacks", [])]
