@@ -124,8 +124,8 @@ class Correction(nn.Module):
         self.spread = nn.Linear(2, head)
         self.middle = nn.Conv2d(head, head, 1)
         self.leave = nn.Conv2d(head, 2, 1)
-        nn.init.zeros_(self.leave.weight)
-        nn.init.zeros_(self.leave.bias) if self.leave.bias is not None else None
+        for parameter in self.leave.parameters():
+            nn.init.zeros_(parameter)
 
     def forward(
         self, canvas: Canvas, rendered: Tensor, corner: list[list[int]], spread: Tensor, which: Tensor
