@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from envpred.datamodules.contract import Needs, Seen
 from envpred.datamodules.variants import Variant
-from envpred.datamodules.windows import pose_of
+from envpred.datamodules.windows import pose_of, widened
 from envpred.errors import UserError
 from envpred.mapping.evidence import pignistic
 from envpred.mapping.geometry import heading_of
@@ -73,8 +73,7 @@ def _arrays(mapped: Sequence[Mapped], wide: bool) -> dict[str, NDArray[np.float3
                 found[name] = np.stack(values).astype(np.float32)
     if wide:
         for name in set(found) - {"evidence"}:
-            margin = (found["evidence"].shape[-1] - found[name].shape[-1]) // 2
-            found[name] = np.pad(found[name], [(0, 0)] * (found[name].ndim - 2) + [(margin, margin)] * 2)
+            found[name] = widened(found[name], found["evidence"].shape[-1])
     return found
 
 

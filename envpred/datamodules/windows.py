@@ -130,9 +130,7 @@ class WindowDataset(Dataset[Window]):
         """The array `name` on the wide grid; of what is stored for the judged grid alone, nothing is known beyond."""
         if place.drive.has(f"{CONTEXT}{name}"):
             return _in_float32(self._read(place, f"{CONTEXT}{name}"))
-        judged = _in_float32(self._read(place, name))
-        margin = (cells - judged.shape[-1]) // 2
-        return np.pad(judged, [(0, 0)] * (judged.ndim - 2) + [(margin, margin)] * 2)
+        return widened(_in_float32(self._read(place, name)), cells)
 
     def _read(self, place: Place, name: str, frames: int | None = None) -> NDArray[Any]:
         """A stored array over so many frames of the window, by default those shown.
@@ -181,6 +179,12 @@ def _without_future(window: Window) -> dict[str, Any]:
 def _tensor(array: NDArray[Any]) -> Tensor:
     """A tensor of the array, in single precision at most; it may share memory with it until windows are collated."""
     return torch.from_numpy(np.asarray(array, np.float32 if array.dtype == np.float64 else None, order="C"))
+
+
+def widened(judged: NDArray[np.float32], cells: int) -> NDArray[np.float32]:
+    """An array (..., H, W) of the judged grid in the middle of a grid of `cells`, with zeros around it."""
+    margin = (cells - judged.shape[-1]) // 2
+    return np.pad(judged, [(0, 0)] * (judged.ndim - 2) + [(margin, margin)] * 2)
 
 
 def _in_float32(grids: NDArray[Any]) -> NDArray[np.float32]:
