@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from envpred.mapping.evidence import Mass
 from envpred.mapping.geometry import FREE, OCCUPIED, FloatArray
-from envpred.mapping.world import Grids, World
+from envpred.mapping.world import Grids, World, check_context
 
 SHOWN = 5  # frames that the model looks back on
 FEATURES = 22
@@ -28,6 +28,7 @@ RANGED = 6
 NUMBERS = 4 * FEATURES + 5 + 2 * RANGED
 LARGEST = np.float32(0.995)
 _RANGE = 20.0  # metres; ranges are counted in these
+NEAR = 2.25  # metres: who has moved less sees again what was seen from there
 _STOOD = 0.2  # metres: who has moved less has stood
 
 
@@ -74,6 +75,7 @@ class HitRates:
             period: seconds between frames.
         """
         W, N = labels.shape[-1], futures.shape[1]
+        check_context(W, cells)
         # One cell more than needed, for worlds turned round.
         base = np.asarray(centre_cells[-1], np.int64) - W // 2
         corners = np.floor(futures[..., :2] + 0.5).astype(np.int64) - cells // 2 - base
@@ -82,16 +84,24 @@ class HitRates:
         found = features(labels, centre_cells, mass, part)
         mean = futures.mean(axis=0)
         ahead = conditions(mean, pose, resolution, period)
-        near = bool((ahead[:, 1] < 1.5 * np.sqrt(0.1)).any())  # moved less than 1.5^2 m
+        near = (np.linalg.norm(futures[..., :2] - pose[:2], axis=2).min(axis=0) * resolution < NEAR).tolist()
         here, then = np.asarray(pose[:2]) - base, mean[:, :2] - base
-        step, boxes = resolution / _RANGE, np.concatenate([low, high], axis=1)
+        step, boxes = resolution / _RANGE, np.concatenate([low, high], axis=1) - [*part[:2], *part[:2]]
+        corner = np.array(part[:2])
         grids = []
-        for weights in (self.hit, self.seen)[: 1 + near]:
+        for weights in (self.hit, self.seen)[: 1 + any(near)]:
             scores, ranges = _scores(found, weights), np.asarray(weights[4 * FEATURES :][:5], np.float32)
-            grid = np.zeros((N, W, W), np.float32)
-            _sigmoid(grid, scores, np.array(part), boxes, ahead, ranges, here, then, step)
+            grid = np.zeros((N, *scores.shape[1:]), np.float32)
+            for h, (west, south, east, north) in enumerate(boxes.tolist()):
+                if grids and not near[h]:
+                    continue
+                box, first = np.empty((east - west, north - south), np.float32), np.array([west, south])
+                place = corner + first
+                _logits(box, scores, first, place - here, place - then[h], ahead[h], ranges, step)
+                grid[h, west:east, south:north] = _sigmoid(box)
             grids.append(grid)
-        return World(grids[0], grids[1] if near else None, (float(pose[0]), float(pose[1])))
+        place = float(pose[0]), float(pose[1])
+        return World(grids[0], grids[1] if any(near) else None, place, part=part, context=W)
 
 
 @cache
@@ -185,28 +195,42 @@ def _around(grid: Grids) -> Grids:
     return total
 
 
-@njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[untyped-decorator, unused-ignore]
-def _sigmoid(out, scores, part, boxes, ahead, ranges, here, then, step):  # type: ignore[no-untyped-def]
-    """Probabilities from scores, horizon by horizon, in the box of each."""
-    one = np.float32(1)
-    for h in range(len(out)):
-        time, root, stood = ahead[h]
-        for i in range(boxes[h, 0], boxes[h, 2]):
-            for j in range(boxes[h, 1], boxes[h, 3]):
-                u, v = i - part[0], j - part[1]
-                now = np.float32(np.sqrt((i - here[0]) ** 2 + (j - here[1]) ** 2) * step)
-                later = np.float32(np.sqrt((i - then[h, 0]) ** 2 + (j - then[h, 1]) ** 2) * step)
-                score = (
-                    scores[0, u, v]
-                    + time * scores[1, u, v]
-                    + root * scores[2, u, v]
-                    + stood * scores[3, u, v]
-                    + later * scores[4, u, v]
-                    + (now - later) * scores[5, u, v]
-                    + ranges[0] * now
-                    + ranges[1] * later
-                    + ranges[2] * now * now
-                    + ranges[3] * later * later
-                    + ranges[4] * now * later
-                )
-                out[h, i, j] = min(one / (one + np.exp(-score)), LARGEST)
+def _sigmoid(logits: Grids) -> Grids:
+    """Probabilities of `logits`, in place.  NumPy's exponential takes many cells at once, a compiled loop's one."""
+    np.negative(logits, out=logits)
+    np.minimum(logits, np.float32(80), out=logits)  # no overflow
+    np.exp(logits, out=logits)
+    logits += np.float32(1)
+    np.reciprocal(logits, out=logits)
+    return np.minimum(logits, LARGEST, out=logits)
+
+
+@njit(cache=True, nogil=True, fastmath=True)  # type: ignore[untyped-decorator, unused-ignore]
+def _logits(out, scores, first, here, then, ahead, ranges, step):  # type: ignore[no-untyped-def]
+    """Logits of one horizon in a box whose first cell is `first` of the scores'; it lies `here` and `then` of the ego."""
+    time, root, stood = ahead
+    # Locals, because the compiler cannot know that writing to `out` leaves these arrays alone.
+    by_now, by_later, by_now_2, by_later_2, by_both = ranges
+    here_j, then_j = np.float32(here[1]), np.float32(then[1])
+    step = np.float32(step)
+    for i in range(out.shape[0]):
+        row = scores[:, first[0] + i, first[1] : first[1] + out.shape[1]]
+        now_i, later_i = np.float32((here[0] + i) ** 2), np.float32((then[0] + i) ** 2)
+        line = out[i]
+        for j in range(len(line)):
+            at = np.float32(j)
+            now = np.sqrt(now_i + (here_j + at) ** 2) * step
+            later = np.sqrt(later_i + (then_j + at) ** 2) * step
+            line[j] = (
+                row[0, j]
+                + time * row[1, j]
+                + root * row[2, j]
+                + stood * row[3, j]
+                + later * row[4, j]
+                + (now - later) * row[5, j]
+                + by_now * now
+                + by_later * later
+                + by_now_2 * now * now
+                + by_later_2 * later * later
+                + by_both * now * later
+            )

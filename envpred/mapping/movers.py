@@ -84,16 +84,17 @@ class Moving:
                 "with --config configs/grids/ground_velocity.yaml"
             )
         speed, spread = (torch.from_numpy(np.asarray(a, np.float32)) for a in (velocity, covariance))
-        moving = (is_moving(speed, spread, self.tau) & (speed.norm(dim=0) > self.slowest)).numpy()
+        moving = is_moving(speed, spread, self.tau).numpy() & (np.hypot(*speed.numpy()) > self.slowest)
         i, j = np.nonzero(moving & (label == OCCUPIED))
         around = np.zeros(label.shape, np.bool_)
         around[i, j] = True
         around = maximum_filter(around, 2 * self.trail + 1) & ((label != OCCUPIED) | around)
-        rim = (world.hit.shape[-1] - label.shape[-1]) // 2
-        inner = slice(rim, rim + label.shape[-1])
+        rim = (world.cells - label.shape[-1]) // 2
         hit = world.hit.copy()
-        hit[:, inner, inner] *= np.where(around, np.float32(1 - self.share), np.float32(1))
-        xx, xy, yy = np.asarray(covariance, np.float64)[:, i, j]
+        gone = np.argwhere(around) + rim - world.first
+        gone = gone[((gone >= 0) & (gone < hit.shape[1:])).all(axis=1)]
+        hit[:, gone[:, 0], gone[:, 1]] *= np.float32(1 - self.share)
+        xx, xy, yy = np.asarray(covariance)[:, i, j].astype(np.float64)
         a = np.sqrt(np.maximum(xx, 1e-6))
         c = np.sqrt(np.maximum(yy - (xy / a) ** 2, 0))
         ahead = self.hit * self.lasting ** np.arange(horizons)

@@ -25,7 +25,7 @@ from envpred.mapping.evidence import PAPER, EvidenceParameters, Mass
 from envpred.mapping.geometry import EGO, FREE, OCCUPIED, PAPER_BODY, FloatArray, GridSpec
 from envpred.mapping.measurement import roll
 from envpred.mapping.movers import Moved, Movers, carried_on
-from envpred.mapping.world import Grids, World
+from envpred.mapping.world import Grids, World, check_context
 
 CHUNKS = (
     4  # parts that the futures are summed in: the sum's order, and so its bits, are the same on any number of threads
@@ -197,23 +197,24 @@ class Rollout:
             raise ValueError(f"futures (K, N, 3) expected, not {futures.shape}")
         if mass.shape != (2, cells, cells):
             raise ValueError(f"masses (2, {cells}, {cells}) expected, not {mass.shape}")
-        W = world.hit.shape[-1]
+        if world.context is None and world.hit.shape[-1] != world.hit.shape[-2]:
+            raise ValueError(f"a square context expected, not {world.hit.shape}")
         for grids in (world.hit, world.hit if world.seen is None else world.seen):
-            if grids.shape not in ((1, W, W), (futures.shape[1], W, W)) or W % 2:
-                raise ValueError(f"square contexts (1 or {futures.shape[1]}, W, W) expected, not {grids.shape}")
-        if cells > W:
-            raise UserError(f"the context of {W} cells is smaller than the judged grid of {cells}; build a wider one")
+            if len(grids) not in (1, futures.shape[1]) or grids.shape[1:] != world.hit.shape[1:] or world.cells % 2:
+                raise ValueError(f"contexts (1 or {futures.shape[1]}, I, J) expected, not {grids.shape}")
+        check_context(world.cells, cells)
         centres = np.floor(futures[..., :2] + 0.5)
         if not (np.abs(centres) < 2**31).all():
             raise UserError("a future pose is not finite, or beyond every lattice; check the poses")
-        base = np.asarray(centre_cell, np.int64) - W // 2
+        base = np.asarray(centre_cell, np.int64) - world.cells // 2 + world.first
         corner = centres.astype(np.int64) + offset - half - base
-        short = int(max(-corner.min(), corner.max() + cells - W, 0))
+        short = int(max(-corner.min(), (corner + cells - world.hit.shape[1:]).max(), 0))
         if short:
             if self.beyond is None:
                 raise UserError(
-                    f"the ego leaves the context of {W} cells by {short * self.grid.resolution:.1f} m within "
-                    f"{futures.shape[1] * self.period:.1f} s; give a context of {W + 2 * short} cells, or `beyond`"
+                    f"the ego leaves the context of {world.cells} cells by {short * self.grid.resolution:.1f} m within "
+                    f"{futures.shape[1] * self.period:.1f} s; give a context of {world.cells + 2 * short} cells, or "
+                    "`beyond`"
                 )
             rim = ((0, 0), (short, short), (short, short))
             hit = np.pad(world.hit, rim, constant_values=np.float32(self.beyond))

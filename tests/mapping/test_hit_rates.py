@@ -47,14 +47,17 @@ def test_the_world_is_that_of_the_weights() -> None:
     pose = np.array([12.2, 5.1, 0.0])
     futures = np.array([[[14.0, 5.0, 0], [16.0, 5.0, 0]], [[15.0, 5.0, 0], [18.0, 5.0, 0]]])
     world = HitRates(weights, weights).world(labels, centres, mass, futures, pose, CELL, 8)
+    assert world.part is not None
+    assert world.cells == W
+    assert world.hit.shape == (2, world.part[2] - world.part[0], world.part[3] - world.part[1])
     cell = np.array([18 + 12 - 16, 9 + 5 - 16])
     for h, (x, time) in enumerate(((14.5, 0.0), (17.0, np.log(2)))):
         there = np.hypot(*(cell - [x, 5.0])) * CELL / 20
         score = -1 + 2 + 0.5 * time + 0.3 * there
-        # The judged grids of 8 cells do not reach the post: nothing is filled in there.
-        assert world.hit[h, 18, 9] == 0
+        # The judged grids of 8 cells do not reach the post: the world ends before it.
+        assert not (world.part[0] <= 18 < world.part[2] and world.part[1] <= 9 < world.part[3])
         wide = HitRates(weights, weights).world(labels, centres, mass, futures, pose, CELL, 16)
-        assert wide.hit[h, 18, 9] == pytest.approx(1 / (1 + np.exp(-score)), abs=1e-6)
+        assert wide.hit[h, 18 - wide.first[0], 9 - wide.first[1]] == pytest.approx(1 / (1 + np.exp(-score)), abs=1e-6)
     assert world.place == (12.2, 5.1)
     assert world.seen is not None
     far = HitRates(weights, weights).world(labels, centres, mass, futures + np.array([20.0, 0, 0]), pose, CELL, 8)
