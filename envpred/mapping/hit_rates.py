@@ -88,7 +88,7 @@ class HitRates:
         here, then = np.asarray(pose[:2]) - base, mean[:, :2] - base
         step, boxes = resolution / _RANGE, np.concatenate([low, high], axis=1) - [*part[:2], *part[:2]]
         corner = np.array(part[:2])
-        grids = []
+        grids: list[Grids] = []
         for weights in (self.hit, self.seen)[: 1 + any(near)]:
             scores, ranges = _scores(found, weights), np.asarray(weights[4 * FEATURES :][:5], np.float32)
             grid = np.zeros((N, *scores.shape[1:]), np.float32)
@@ -171,8 +171,25 @@ def _scores(found: Grids, weights: FloatArray) -> Grids:
     """The six scores (6, I, J) of the cells."""
     by_condition = np.asarray(weights[: 4 * FEATURES], np.float32).reshape(4, FEATURES)
     by_range = np.asarray(weights[4 * FEATURES + 5 :], np.float32).reshape(2, RANGED)
-    flat, some = found.reshape(FEATURES, -1), ranged(found).reshape(RANGED, -1)
-    return np.concatenate([by_condition @ flat, by_range @ some]).reshape(SCORES, *found.shape[1:])
+    scores = np.zeros((SCORES, *found.shape[1:]), np.float32)
+    flat = scores.reshape(SCORES, -1)
+    _weigh(flat[:4], by_condition, found.reshape(FEATURES, -1))
+    _weigh(flat[4:], by_range, ranged(found).reshape(RANGED, -1))
+    return scores
+
+
+@njit(cache=True, nogil=True, fastmath=True)  # type: ignore[untyped-decorator, unused-ignore]
+def _weigh(out, weights, values):  # type: ignore[no-untyped-def]
+    """`out` += `weights` @ `values`.  BLAS does it on threads of its own, which spin beside those that cast rays."""
+    block = 2048  # cells whose values stay in the cache
+    for start in range(0, out.shape[1], block):
+        end = min(start + block, out.shape[1])
+        for s in range(len(out)):
+            line = out[s, start:end]
+            for f in range(len(values)):
+                weight, row = weights[s, f], values[f, start:end]
+                for n in range(len(line)):
+                    line[n] += weight * row[n]
 
 
 def _shifted(grid: NDArray[np.uint8], region: tuple[int, int, int, int], shift: NDArray[np.int64]) -> NDArray[np.uint8]:
@@ -207,7 +224,7 @@ def _sigmoid(logits: Grids) -> Grids:
 
 @njit(cache=True, nogil=True, fastmath=True)  # type: ignore[untyped-decorator, unused-ignore]
 def _logits(out, scores, first, here, then, ahead, ranges, step):  # type: ignore[no-untyped-def]
-    """Logits of one horizon in a box whose first cell is `first` of the scores'; it lies `here` and `then` of the ego."""
+    """Logits of one horizon in a box: its first cell is `first` of the scores', and `here` and `then` off the ego."""
     time, root, stood = ahead
     # Locals, because the compiler cannot know that writing to `out` leaves these arrays alone.
     by_now, by_later, by_now_2, by_later_2, by_both = ranges

@@ -83,9 +83,11 @@ class Moving:
                 f"velocities are relative to the {frame}, and movers need them relative to the ground; build the grids "
                 "with --config configs/grids/ground_velocity.yaml"
             )
-        speed, spread = (torch.from_numpy(np.asarray(a, np.float32)) for a in (velocity, covariance))
-        moving = is_moving(speed, spread, self.tau).numpy() & (np.hypot(*speed.numpy()) > self.slowest)
-        i, j = np.nonzero(moving & (label == OCCUPIED))
+        i, j = np.nonzero((label == OCCUPIED) & (np.hypot(*velocity) > self.slowest))
+        # Of few cells: on all of them torch's threads would take part, and spin beside those that cast rays.
+        speed, spread = (torch.from_numpy(np.asarray(a[:, i, j, None], np.float32)) for a in (velocity, covariance))
+        moving = is_moving(speed, spread, self.tau)[:, 0].numpy()
+        i, j = i[moving], j[moving]
         around = np.zeros(label.shape, np.bool_)
         around[i, j] = True
         around = maximum_filter(around, 2 * self.trail + 1) & ((label != OCCUPIED) | around)

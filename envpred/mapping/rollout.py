@@ -144,15 +144,18 @@ class Rollout:
         scene, base = self._checked(mass, world, centre_cell, futures, offset)
         distinct, weights = _distinct(futures, draws)
         parts = [range(n, len(distinct), CHUNKS) for n in range(min(CHUNKS, len(distinct)))]
-        sums = np.zeros((len(parts), futures.shape[1], channels, *mass.shape[1:]), np.float32)
 
-        def part(n: int) -> None:
+        def part(n: int) -> Grids:
+            summed = np.zeros((futures.shape[1], channels, *mass.shape[1:]), np.float32)
             for k in parts[n]:
                 moved = self._carried_on(movers, draws, distinct[k], futures.shape[1])
-                self._roll(sums[n], mass, scene, base, centre_cell, futures[distinct[k]], weights[k], moved, offset)
+                self._roll(summed, mass, scene, base, centre_cell, futures[distinct[k]], weights[k], moved, offset)
+            return summed
 
-        list(mapper(part, range(len(parts))))
-        mean: Grids = sums.sum(axis=0)
+        mean: Grids
+        mean, *others = mapper(part, range(len(parts)))
+        for other in others:
+            mean += other
         return mean
 
     def samples(

@@ -21,7 +21,7 @@ class World:
             taken, or None.  The nearer a future scan is to there, the more it counts beside the rays.
         place: (2,) where the last frame was taken, in cells of the lattice.
         near: distance in metres over which the view from there loses its worth.
-        part: the part (first and end cell along either axis) of the context grid that `hit` is, None if it is the whole.
+        part: of the context grid that `hit` is, first and end cell along either axis; None if it is the whole.
         context: cells of the context's side, None if `hit` is the whole.
     """
 
