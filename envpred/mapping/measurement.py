@@ -28,19 +28,19 @@ def roll(out, mass, world, seen, share, base, start, future, offset, place, body
         x, y, heading = future[h]
         ci, cj = int(np.floor(x + 0.5)) + offset[0], int(np.floor(y + 0.5)) + offset[1]
         corner_i, corner_j = ci - half_i, cj - half_j
-        _window(hit, world[h if len(world) > 1 else 0], corner_i - base[0], corner_j - base[1])
-        _add_movers(hit, cells[h], moved_hit[h], corner_i, corner_j)
-        _stop(opaque, hit, clump)
+        window(hit, world[h if len(world) > 1 else 0], corner_i - base[0], corner_j - base[1])
+        add_movers(hit, cells[h], moved_hit[h], corner_i, corner_j)
+        stop(opaque, hit, clump)
         if seed:
             seed = _draw(hit, opaque, seed)
         cos, sin = np.cos(heading), np.sin(heading)
         sensor_x = x + (forward * cos - left * sin) / resolution - corner_i
         sensor_y = y + (forward * sin + left * cos) / resolution - corner_j
-        _cast_rays(passed, opaque, sensor_x, sensor_y, least)
+        cast_rays(passed, opaque, sensor_x, sensor_y, least)
         if share[h] > 0:
-            _see_again(passed, seen[h if len(seen) > 1 else 0], share[h], corner_i - base[0], corner_j - base[1])
+            see_again(passed, seen[h if len(seen) > 1 else 0], share[h], corner_i - base[0], corner_j - base[1])
         mark_ego(passed, sensor_x, sensor_y, heading + turn, body, resolution, np.float32(-1))
-        _age(prior, now, ci - last_i, cj - last_j, masses[3])
+        age(prior, now, ci - last_i, cj - last_j, masses[3])
         _measure(now, prior, hit, passed, masses, out[h], weight)
         if share[h] > 0:
             _remember(out[h], now, mass, ci - start[0], cj - start[1], weight * remembered * share[h] * share[h])
@@ -48,7 +48,7 @@ def roll(out, mass, world, seen, share, base, start, future, offset, place, body
 
 
 @njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
-def _window(hit, world, corner_i, corner_j):  # type: ignore[no-untyped-def]
+def window(hit, world, corner_i, corner_j):  # type: ignore[no-untyped-def]
     """The part of the world that the judged grid covers."""
     H, W = hit.shape
     for i in range(H):
@@ -56,7 +56,7 @@ def _window(hit, world, corner_i, corner_j):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
-def _add_movers(hit, cells, moved_hit, corner_i, corner_j):  # type: ignore[no-untyped-def]
+def add_movers(hit, cells, moved_hit, corner_i, corner_j):  # type: ignore[no-untyped-def]
     """Movers are where they have come to: the likelier of two hits stands."""
     for n in range(len(cells)):
         i, j = cells[n, 0] - corner_i, cells[n, 1] - corner_j
@@ -65,7 +65,7 @@ def _add_movers(hit, cells, moved_hit, corner_i, corner_j):  # type: ignore[no-u
 
 
 @njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[untyped-decorator, unused-ignore]
-def _stop(opaque, hit, clump):  # type: ignore[no-untyped-def]
+def stop(opaque, hit, clump):  # type: ignore[no-untyped-def]
     """Probability that a cell stops a ray: q^2 / (q + c (1 - q)).
 
     What may be hit in one of many cells stops a ray once; were the cells independent, it would be stopped in each.
@@ -96,7 +96,7 @@ def _draw(hit, opaque, seed):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
-def _see_again(passed, seen, share, corner_i, corner_j):  # type: ignore[no-untyped-def]
+def see_again(passed, seen, share, corner_i, corner_j):  # type: ignore[no-untyped-def]
     """Near where the frames shown were taken, a share of what is seen is what was seen from there."""
     H, W = passed.shape
     for i in range(H):
@@ -105,7 +105,7 @@ def _see_again(passed, seen, share, corner_i, corner_j):  # type: ignore[no-unty
 
 
 @njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
-def _cast_rays(passed, opaque, x, y, least):  # type: ignore[no-untyped-def]
+def cast_rays(passed, opaque, x, y, least):  # type: ignore[no-untyped-def]
     """Transmittance of every cell, the largest over the rays from the sensor at (x, y), in cells, to the border."""
     H, W = opaque.shape
     passed[:] = 0
@@ -123,7 +123,7 @@ def _cast_rays(passed, opaque, x, y, least):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
-def _age(prior, now, shift_i, shift_j, alpha):  # type: ignore[no-untyped-def]
+def age(prior, now, shift_i, shift_j, alpha):  # type: ignore[no-untyped-def]
     """The masses of the frame before, aged, on the present grid; cells that enter carry none."""
     _, H, W = now.shape
     prior[:] = 0

@@ -24,6 +24,7 @@ from envpred.errors import UserError
 from envpred.mapping.evidence import PAPER, EvidenceParameters, Mass
 from envpred.mapping.geometry import EGO, FREE, OCCUPIED, PAPER_BODY, FloatArray, GridSpec
 from envpred.mapping.measurement import roll
+from envpred.mapping.measurement_gradient import roll_back
 from envpred.mapping.movers import Moved, Movers, carried_on
 from envpred.mapping.world import Grids, World, check_context
 
@@ -128,6 +129,32 @@ class Rollout:
         """
         return self._mean(4, mass, world, centre_cell, futures, movers, draws, mapper, offset)
 
+    def gradient(
+        self,
+        of: Grids,
+        mass: Mass,
+        world: World,
+        centre_cell: NDArray[np.integer],
+        futures: FloatArray,
+        movers: Movers | None = None,
+        draws: FloatArray | None = None,
+        mapper: Mapper = map,
+        offset: tuple[int, int] = (0, 0),
+    ) -> Grids:
+        """The gradient by `world.hit`, of its shape, of something whose gradient by the forecast is `of`.
+
+        Args: `of` (N, 1, H, W) by what is `expected`, or (N, 4, H, W) by what is `rendered`; as these.
+        """
+        scene, base = self._checked(mass, world, centre_cell, futures, offset)
+
+        def one(out: Grids, k: int, weight: float) -> None:
+            moved = self._carried_on(movers, draws, k, futures.shape[1])
+            roll_back(out, of, *self._arguments(mass, scene, base, centre_cell, futures[k], weight, moved, offset))
+
+        found = _summed(one, scene.hit.shape, futures, draws, mapper)
+        rim = (found.shape[-1] - world.hit.shape[-1]) // 2
+        return found[:, rim : found.shape[1] - rim, rim : found.shape[2] - rim]
+
     def _mean(
         self,
         channels: int,
@@ -142,21 +169,12 @@ class Rollout:
     ) -> Grids:
         """Means (N, channels, H, W) over the futures of what `roll` adds up."""
         scene, base = self._checked(mass, world, centre_cell, futures, offset)
-        distinct, weights = _distinct(futures, draws)
-        parts = [range(n, len(distinct), CHUNKS) for n in range(min(CHUNKS, len(distinct)))]
 
-        def part(n: int) -> Grids:
-            summed = np.zeros((futures.shape[1], channels, *mass.shape[1:]), np.float32)
-            for k in parts[n]:
-                moved = self._carried_on(movers, draws, distinct[k], futures.shape[1])
-                self._roll(summed, mass, scene, base, centre_cell, futures[distinct[k]], weights[k], moved, offset)
-            return summed
+        def one(out: Grids, k: int, weight: float) -> None:
+            moved = self._carried_on(movers, draws, k, futures.shape[1])
+            roll(out, *self._arguments(mass, scene, base, centre_cell, futures[k], weight, moved, offset))
 
-        mean: Grids
-        mean, *others = mapper(part, range(len(parts)))
-        for other in others:
-            mean += other
-        return mean
+        return _summed(one, (futures.shape[1], channels, *mass.shape[1:]), futures, draws, mapper)
 
     def samples(
         self,
@@ -181,7 +199,8 @@ class Rollout:
 
         def sample(k: int) -> None:
             moved = self._carried_on(movers, draws, k, N)
-            self._roll(drawn[k], mass, scene, base, centre_cell, futures[k], 1.0, moved, offset, seeds[k])
+            numbers = mass, scene, base, centre_cell, futures[k], 1.0, moved, offset, seeds[k]
+            roll(drawn[k], *self._arguments(*numbers))
 
         list(mapper(sample, range(K)))
         return drawn[:, :, 0]
@@ -225,9 +244,8 @@ class Rollout:
             world, base = replace(world, hit=hit, seen=seen), base - short
         return world, base
 
-    def _roll(
+    def _arguments(
         self,
-        out: Grids,
         mass: Mass,
         world: World,
         base: NDArray[np.int64],
@@ -237,8 +255,8 @@ class Rollout:
         moved: Moved,
         offset: tuple[int, int],
         seed: int = 0,
-    ) -> None:
-        """Add `weight` times the forecast of one future to `out` (N, C, H, W); hits are drawn if there is a `seed`."""
+    ) -> tuple[Any, ...]:
+        """What `roll` takes of one future beside what it adds to; hits are drawn if there is a `seed`."""
         table = self.evidence.table()
         masses = table[OCCUPIED, 0], table[FREE, 1], table[EGO, 0], np.float32(self.evidence.discount)
         hit = np.ascontiguousarray(world.hit, np.float32)
@@ -252,11 +270,35 @@ class Rollout:
         place = (*self.sensor, self.sensor_heading, self.grid.resolution)
         reals = (np.float32(v) for v in (self.least, self.clump, self.remembered, weight))
         numbers = (*reals, np.uint64(seed))
-        roll(out, mass, hit, seen, share, base, start, future, offset, place, self.body, masses, numbers, *moved)
+        return mass, hit, seen, share, base, start, future, offset, place, self.body, masses, numbers, *moved
 
     def _carried_on(self, movers: Movers | None, draws: FloatArray | None, k: int, horizons: int) -> Moved:
         """Where the movers of future `k` are."""
         return carried_on(movers, None if draws is None else draws[k], horizons, self.period, self.grid.resolution)
+
+
+def _summed(
+    one: Callable[[Grids, int, float], None],
+    shape: tuple[int, ...],
+    futures: FloatArray,
+    draws: FloatArray | None,
+    mapper: Mapper,
+) -> Grids:
+    """The sum of what `one` adds to an array of `shape` for the number and the weight of each future that differs."""
+    distinct, weights = _distinct(futures, draws)
+    parts = [range(n, len(distinct), CHUNKS) for n in range(min(CHUNKS, len(distinct)))]
+
+    def part(n: int) -> Grids:
+        summed = np.zeros(shape, np.float32)
+        for k in parts[n]:
+            one(summed, distinct[k], weights[k])
+        return summed
+
+    total: Grids
+    total, *others = mapper(part, range(len(parts)))
+    for other in others:
+        total += other
+    return total
 
 
 def _distinct(futures: FloatArray, draws: FloatArray | None) -> tuple[list[int], list[float]]:

@@ -1,6 +1,8 @@
 """The rollout with a small network on top, which starts as the rollout and learns what that gets wrong."""
 
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from typing import Any, ClassVar, Literal
 
 import numpy as np
@@ -13,7 +15,7 @@ from envpred.errors import UserError
 from envpred.mapping.geometry import FREE, OCCUPIED, FloatArray
 from envpred.mapping.shift import shifted
 from envpred.models.rollout import RolloutForecaster, Window
-from envpred.networks.correction import FACTOR, LEAST, Canvas, Correction
+from envpred.networks.correction import FACTOR, LEAST, Canvas, Correction, WorldCorrection
 from envpred.networks.muon import Muon
 
 # Where the ego stands little changes, static is hard to beat, and there are few such drives to learn from: half of the
@@ -38,6 +40,7 @@ class CorrectedRolloutForecaster(RolloutForecaster):
         futures: of the ego that the rollout averages over.
         world: what the rays meet, see `RolloutForecaster`.
         movers: carry on what moves, likewise.
+        corrects: the `forecast` that was rendered, or the `world` before it is: the network learns through the rays.
         seed: of the futures.
         scored: horizons of a training window that are corrected, drawn at random; fewer are faster.
         error: squared errors as they are, or their share of the static baseline's.
@@ -46,7 +49,7 @@ class CorrectedRolloutForecaster(RolloutForecaster):
     """
 
     role: ClassVar[Role] = "learned"
-    shaping = ("variant", "given", "horizons", "width", "fine", "head")
+    shaping = ("variant", "given", "horizons", "width", "fine", "head", "corrects")
 
     def __init__(
         self,
@@ -59,6 +62,7 @@ class CorrectedRolloutForecaster(RolloutForecaster):
         futures: int = 16,
         world: Literal["label", "hits"] = "hits",
         movers: bool = False,
+        corrects: Literal["forecast", "world"] = "forecast",
         seed: int = 0,
         scored: int = 6,
         error: Literal["squared", "share"] = "share",
@@ -69,7 +73,8 @@ class CorrectedRolloutForecaster(RolloutForecaster):
         self.save_hyperparameters()
         if width % 8 or width < 8:
             raise UserError(f"--model.width {width}: give a multiple of 8")
-        self.network = Correction(given, horizons, width, fine, head)
+        made = Correction if corrects == "forecast" else WorldCorrection
+        self.network = made(given, horizons, width, fine, head)
 
     @property
     def epochs(self) -> int:
@@ -92,43 +97,74 @@ class CorrectedRolloutForecaster(RolloutForecaster):
         self, window: Window, horizons: int, which: Tensor, standing: float, pool: ThreadPoolExecutor
     ) -> Tensor:
         """The forecast of one window; `standing` is the share of the correction that counts while the ego stands."""
-        futures, offset = self.ego(window, horizons), self.offset(window)
+        futures = self.ego(window, horizons)
+        mean = futures.mean(axis=0)[which, :2]
+        moved = np.hypot(*(mean - np.asarray(window["pose"][-1], np.float64)[:2]).T).max(initial=0)
+        trust = 1 - (1 - standing) * float(np.clip(1.5 - moved, 0, 1))  # cells; who moves by half a cell still stands
+        if self.hparams["corrects"] == "world":
+            return self._correct_world(window, futures, trust, pool)[which]
         scene, _ = self._scene(window, futures)
+        offset = self.offset(window)
         rendered = self._sensor(window).rendered(*scene, pool.map, offset)[which]
         # Where the grid of the mean future lies, beside that of the last frame shown.
-        mean = futures.mean(axis=0)[which, :2]
         centres = np.floor(mean + 0.5).astype(np.int64) + offset - np.asarray(window["centre_cell"][-1], np.int64)
-        canvas, corner = self._canvas(window, centres, rendered.shape[-1])
+        n, cells = rendered.shape[-1], int(window["context_label"].shape[-1])
+        first = centres + (cells - n) // 2
+        canvas, corner = self._canvas(window, *_extent(first, n, cells))
         spread = torch.from_numpy(0.5 * futures[:, which, :2].std(axis=0)).float()
         device = self.device
         corrected: Tensor = self.network(
             Canvas(*(part.to(device) for part in canvas)),
             torch.from_numpy(rendered).to(device),
-            corner,
+            (first - corner).tolist(),
             spread.to(device),
             which.to(device),
         ).float()
         rolled = torch.from_numpy(0.5 + 0.5 * (rendered[:, 0] - rendered[:, 1])).to(device)
-        moved = np.hypot(*(mean - np.asarray(window["pose"][-1], np.float64)[:2]).T).max(initial=0)
-        less = (1 - standing) * float(np.clip(1.5 - moved, 0, 1))  # cells; who moves by half a cell still stands
-        return corrected.lerp(rolled, less) if less else corrected
+        return corrected.lerp(rolled, 1 - trust) if trust < 1 else corrected
 
-    def _canvas(self, window: Window, centres: NDArray[np.int64], n: int) -> tuple[Canvas, list[list[int]]]:
-        """What was seen, cut to what the future grids cover and a margin, and their first cells in it."""
+    def _correct_world(self, window: Window, futures: FloatArray, trust: float, pool: ThreadPoolExecutor) -> Tensor:
+        """The forecast (N, H, W) of a corrected world."""
+        (mass, world, centre, _, movers, draws), _ = self._scene(window, futures)
+        low = np.array(world.first)
+        canvas, corner = self._canvas(window, low, low + np.array(world.hit.shape[1:]))
+        first = (low - corner).tolist()
+        hit = torch.from_numpy(world.hit).expand(futures.shape[1], -1, -1).to(self.device)
+        there = self.network(canvas.channels.to(self.device), hit, first, trust).float()
+        sensor, offset = self._sensor(window), self.offset(window)
+
+        def render(hit: NDArray[np.float32]) -> NDArray[np.float32]:
+            seen = replace(world, hit=hit)
+            return sensor.expected(mass, seen, centre, futures, movers, draws, pool.map, offset)
+
+        def back(by: NDArray[np.float32], hit: NDArray[np.float32]) -> NDArray[np.float32]:
+            seen = replace(world, hit=hit)
+            return sensor.gradient(by[:, None], mass, seen, centre, futures, movers, draws, pool.map, offset)
+
+        rendered: Tensor = Rendering.apply(there, render, back)  # type: ignore[no-untyped-call]
+        return rendered
+
+    def _canvas(
+        self, window: Window, low: NDArray[np.int64], high: NDArray[np.int64]
+    ) -> tuple[Canvas, NDArray[np.int64]]:
+        """What was seen from cell `low` of the context to `high`, or a little more, as far as it is known.
+
+        Returns:
+            the canvas, whose sides FACTOR divides, and its first cell in the context.
+        """
         label, mass = self._context(window)
-        cells, centre = label.shape[-1], np.asarray(window["centre_cell"], np.int64)
-        labels = np.stack([shifted(grid, centre[-1] - at) for grid, at in zip(label, centre, strict=True)])
-        margin = (cells - n) // 2
-        low, high = _extent(centres, n, margin, cells)
+        cells, n = label.shape[-1], window["label"].shape[-1]
+        centre, margin = np.asarray(window["centre_cell"], np.int64), (cells - n) // 2
+        low, high = _divided(low, high, cells)
         part = (..., slice(low[0], high[0]), slice(low[1], high[1]))
+        labels = np.stack([shifted(grid, centre[-1] - at) for grid, at in zip(label, centre, strict=True)])
         judged = np.zeros((3, cells, cells), np.float32)
         inside = slice(margin, margin + n)
         judged[:2, inside, inside], judged[2, inside, inside] = window["evidence"][-1], 1
         last = _logit(0.5 + 0.5 * (judged[0] - judged[1])) / 4 * judged[2]
         rows = [*(labels == OCCUPIED), *(labels == FREE), *mass, *judged, self._range(window, cells), last]
         channels = torch.from_numpy(np.stack([row[part] for row in rows]).astype(np.float32))
-        corner = (centres + margin - low).tolist()
-        return Canvas(channels, channels[2 * len(label) + 4], channels[-1]), corner
+        return Canvas(channels, channels[2 * len(label) + 4], channels[-1]), low
 
     def _range(self, window: Window, cells: int) -> FloatArray:
         """Logarithm of each cell's distance to the sensor at the last frame shown."""
@@ -166,13 +202,43 @@ class CorrectedRolloutForecaster(RolloutForecaster):
         return {"optimizer": optimizer, "lr_scheduler": {"scheduler": schedule, "interval": "step"}}
 
 
-def _extent(centres: NDArray[np.int64], n: int, margin: int, cells: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """First and last cells (2,) of the canvas: future grids and MARGIN, as far as known; FACTOR divides its sides."""
-    low = np.maximum(margin + np.minimum(centres.min(axis=0), 0) - MARGIN, 0)
-    high = np.minimum(margin + n + np.maximum(centres.max(axis=0), 0) + MARGIN, cells)
+def _extent(first: NDArray[np.int64], n: int, cells: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """From where to where (2,) the future grids, whose first cells are `first`, and the last one reach, and MARGIN."""
+    last = (cells - n) // 2
+    return np.minimum(first.min(axis=0), last) - MARGIN, np.maximum(first.max(axis=0), last) + n + MARGIN
+
+
+def _divided(
+    low: NDArray[np.int64], high: NDArray[np.int64], cells: int
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """The part from `low` to `high` as far as the context goes, made larger so that FACTOR divides its sides."""
+    low, high = np.clip(low, 0, cells), np.clip(high, 0, cells)
     side = np.minimum(-(-(high - low) // FACTOR) * FACTOR, cells // FACTOR * FACTOR)
     low = np.clip(low - (side - (high - low)) // 2, 0, cells - side)
     return low, low + side
+
+
+class Rendering(torch.autograd.Function):
+    """A world that is measured: `render` makes the forecast (N, H, W) of its hits, `back` their gradient of that."""
+
+    @staticmethod
+    def forward(
+        ctx: Any,
+        hit: Tensor,
+        render: Callable[[NDArray[np.float32]], NDArray[np.float32]],
+        back: Callable[[NDArray[np.float32], NDArray[np.float32]], NDArray[np.float32]],
+    ) -> Tensor:
+        """The forecast of hits (N, I, J)."""
+        ctx.back = back
+        ctx.save_for_backward(hit)
+        return torch.from_numpy(render(hit.detach().cpu().numpy())).to(hit.device)
+
+    @staticmethod
+    def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor, None, None]:
+        """The gradient (N, I, J) by the hits."""
+        (hit,) = ctx.saved_tensors
+        by, device = np.ascontiguousarray(gradients[0].cpu().numpy(), np.float32), hit.device
+        return torch.from_numpy(np.ascontiguousarray(ctx.back(by, hit.cpu().numpy()))).to(device), None, None
 
 
 def _logit(probability: NDArray[np.float32]) -> NDArray[np.float32]:

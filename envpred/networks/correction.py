@@ -167,3 +167,49 @@ class Correction(nn.Module):
         here = torch.stack([known[:, i : i + n, j : j + n] for i, j in corner])
         forecast = logit[:, 0].float()
         return torch.sigmoid(forecast + pull * here[:, 0] * (4 * here[:, 1] - forecast) + shift)
+
+
+class WorldCorrection(nn.Module):
+    """Corrects the world that is rendered: shifts the logits of its hits, in the fixed frame of the last frame shown.
+
+    The shifts are zero at the start, so that an untrained network leaves the world as it is.
+
+    Args:
+        given: frames shown.
+        horizons: how many forecasts.
+        width: channels of the trunk at half of the resolution; a multiple of 8.
+        fine: channels at full resolution.
+        head: channels of the head, per cell and horizon.
+    """
+
+    def __init__(self, given: int = 5, horizons: int = 15, width: int = 32, fine: int = 16, head: int = 16) -> None:
+        super().__init__()
+        self.trunk = Trunk(context_channels(given), width, fine)
+        self.project = nn.Parameter(torch.randn(horizons, head, fine) / fine**0.5)
+        self.enter = nn.Conv2d(1, head, 1)
+        self.middle = nn.Conv2d(head, head, 1)
+        self.leave = nn.Conv2d(head, 1, 1)
+        for parameter in self.leave.parameters():
+            nn.init.zeros_(parameter)
+
+    def forward(self, channels: Tensor, hit: Tensor, corner: tuple[int, int], trust: float = 1.0) -> Tensor:
+        """Probabilities of a hit (N, I, J), corrected.
+
+        Args:
+            channels: (C, H, W) what was seen, see `context_channels`.
+            hit: (N, I, J) probabilities of a hit, horizon by horizon.
+            corner: first cell of `hit` among the channels.
+            trust: factor on the shifts.
+        """
+        N, rows, columns = hit.shape
+        features = self.trunk(channels[None].contiguous(memory_format=torch.channels_last))[0]
+        local = (
+            features[:, corner[0] : corner[0] + rows, corner[1] : corner[1] + columns].permute(1, 2, 0).flatten(0, 1)
+        )
+        seen = torch.matmul(local, self.project[:N].transpose(1, 2)).view(N, rows, columns, -1).permute(0, 3, 1, 2)
+        inputs = 0.25 * torch.logit(hit, LEAST)[:, None]
+        x = functional.relu(self.enter(inputs) + seen)
+        shift = trust * self.leave(functional.relu(self.middle(x))).float()[:, 0].clamp(-8, 8)
+        odds = hit * shift.exp()
+        corrected: Tensor = odds / (1 - hit + odds)
+        return corrected

@@ -14,7 +14,7 @@ from envpred.datamodules import GridDataModule
 from envpred.datamodules.windows import Draw, collate
 from envpred.errors import UserError
 from envpred.models import CorrectedRolloutForecaster, RolloutForecaster
-from envpred.models.corrected_rollout import _extent
+from envpred.models.corrected_rollout import _divided, _extent
 from envpred.models.forecaster import Forecaster
 from envpred.models.loading import load_forecaster
 from envpred.networks.correction import FACTOR
@@ -100,11 +100,11 @@ def test_a_trained_correction_counts_half_where_the_ego_stands(store: Path) -> N
 
 @pytest.mark.parametrize("moved", [[[0, 0]], [[3, 0], [40, 2]], [[-50, 9], [-80, 90]]])
 def test_the_canvas_lies_in_the_context_and_divides(moved: list[list[int]]) -> None:
-    low, high = _extent(np.array(moved), n=128, margin=64, cells=256)
+    low, high = _divided(*_extent(np.array(moved) + 64, n=128, cells=256), 256)
     assert (low >= 0).all()
     assert (high <= 256).all()
     assert ((high - low) % FACTOR == 0).all()
-    inside = np.clip(np.array(moved) + 64, 0, 128)  # as far as the context goes
+    inside = np.clip(np.array([[0, 0], *moved]) + 64, 0, 128)  # as far as the context goes
     assert (low <= inside.min(axis=0)).all()
     assert (high >= np.minimum(inside.max(axis=0) + 128, 256)).all()
 
