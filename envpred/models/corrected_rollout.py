@@ -139,7 +139,8 @@ class CorrectedRolloutForecaster(RolloutForecaster):
 
         def back(by: NDArray[np.float32], hit: NDArray[np.float32]) -> NDArray[np.float32]:
             seen = replace(world, hit=hit)
-            return sensor.gradient(by[:, None], mass, seen, centre, futures, movers, draws, pool.map, offset)
+            with ThreadPoolExecutor(max(1, torch.get_num_threads())) as again:  # the forecast's own is closed by now
+                return sensor.gradient(by[:, None], mass, seen, centre, futures, movers, draws, again.map, offset)
 
         rendered: Tensor = Rendering.apply(there, render, back)  # type: ignore[no-untyped-call]
         return rendered

@@ -41,9 +41,10 @@ def module(store: Path, model: Forecaster, **options: Any) -> GridDataModule:
     return data
 
 
+@pytest.mark.parametrize("corrects", ["forecast", "world"])
 @pytest.mark.parametrize("movers", [False, True])
-def test_untrained_it_is_the_rollout(store: Path, movers: bool) -> None:
-    corrected = CorrectedRolloutForecaster(**SMALL, movers=movers).eval()
+def test_untrained_it_is_the_rollout(store: Path, movers: bool, corrects: Any) -> None:
+    corrected = CorrectedRolloutForecaster(**SMALL, movers=movers, corrects=corrects).eval()
     rollout = RolloutForecaster(given=3, futures=2, movers=movers)
     seen = collate([module(store, corrected).datasets["val"][0]])["seen"]
     with torch.no_grad():
@@ -52,11 +53,14 @@ def test_untrained_it_is_the_rollout(store: Path, movers: bool) -> None:
     torch.testing.assert_close(forecast, expected.clamp(0.002, 0.998), atol=2e-5, rtol=0)
 
 
-def test_it_learns_and_its_checkpoint_forecasts(store: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("corrects", "lr", "samples"), [("forecast", 0.02, 30), ("world", 0.1, 60)])
+def test_it_learns_and_its_checkpoint_forecasts(
+    store: Path, tmp_path: Path, corrects: Any, lr: float, samples: int
+) -> None:
     seed_everything(1, verbose=False)
-    model = CorrectedRolloutForecaster(**SMALL, scored=3, lr=0.02)
+    model = CorrectedRolloutForecaster(**SMALL, scored=3, lr=lr, corrects=corrects)
     run = trainer(tmp_path)
-    run.fit(model, datamodule=grids(store, samples=30, crop=None))
+    run.fit(model, datamodule=grids(store, samples=samples, crop=None))
     best = tmp_path / "checkpoints" / "best.ckpt"
     trained = load_forecaster(best)
     for name, forecaster in (("trained", trained), ("rollout", RolloutForecaster(given=3, futures=2))):
@@ -65,7 +69,7 @@ def test_it_learns_and_its_checkpoint_forecasts(store: Path, tmp_path: Path) -> 
         name: np.mean(json.loads((tmp_path / name / RESULT).read_text())["metrics"]["mse"]["mean"])
         for name in ("trained", "rollout")
     }
-    assert mse["trained"] < 0.9 * mse["rollout"]
+    assert mse["trained"] < (0.9 if corrects == "forecast" else 0.93) * mse["rollout"]
 
 
 @pytest.mark.parametrize("symmetry", range(8))
