@@ -16,6 +16,7 @@ from envpred.errors import UserError
 from envpred.mapping.geometry import FloatArray
 
 PHASES = 32  # of the poses' clock that are told apart
+VISITED = 0.97  # share of the probability that lies in cells which futures visit, for their weights to stand for it
 
 
 @dataclass(frozen=True)
@@ -147,6 +148,27 @@ def ego_futures(
     z = _stratified(count, 5, generator)
     pick = generator.permutation(np.searchsorted(np.cumsum(seen.likelihood), (np.arange(count) + 0.5) / count))
     return _driven(poses[-1], seen, np.minimum(pick, PHASES - 1), z, motion, resolution)
+
+
+def cell_weights(futures: FloatArray, many: FloatArray) -> FloatArray:
+    """Weights (K, N) of `futures` (K, N, 3), by which each cell counts as it does among `many` (M, any, 3).
+
+    Few futures miss by chance how likely it is that the ego has come to the next cell, and all else lies a cell off
+    then.  Post-stratification (Holt and Smith 1979) by the cell of each horizon mends that, as far as `many` reach and
+    the futures visit cells that hold nearly all of their probability.
+    """
+    K, N, _ = futures.shape
+    weights = np.full((K, N), 1 / K)
+    for h in range(min(N, many.shape[1])):
+        own, theirs = (np.floor(poses[:, h, :2] + 0.5) for poses in (futures, many))
+        cells, place = np.unique(np.concatenate([own, theirs]), axis=0, return_inverse=True)
+        place = place.reshape(-1)
+        visits, chance = (np.bincount(at, minlength=len(cells)) for at in (place[:K], place[K:]))
+        share = chance / len(many)
+        if share[visits > 0].sum() >= VISITED:
+            weights[:, h] = share[place[:K]] / visits[place[:K]]
+            weights[:, h] /= weights[:, h].sum()
+    return weights
 
 
 def likeliest(

@@ -11,14 +11,17 @@ from envpred.mapping.rays import border_cell, first_cell, mark_ego, next_cell
 
 
 @njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[untyped-decorator, unused-ignore]
-def roll(out, mass, world, seen, share, base, start, future, offset, place, body, masses, numbers, cells, moved_hit):  # type: ignore[no-untyped-def]
+def roll(  # type: ignore[no-untyped-def]
+    out, mass, world, seen, share, base, start, future, weights, offset, place, body, masses, numbers, cells, moved_hit
+):
     """The steps of one future: see `Rollout.expected`; with a `seed` hits are drawn instead of expected.
 
+    `weights` (N,) are those of the future at each horizon.
     What is added to `out` (N, C, H, W) is the pignistic probability of occupied (C = 1) or m(O), m(F), the chance of a
     hit and that of being seen to be free (C = 4).
     """
     forward, left, turn, resolution = place
-    least, clump, remembered, weight, seed = numbers
+    least, clump, remembered, seed = numbers
     _, H, W = mass.shape
     half_i, half_j = H // 2, W // 2
     now, prior = mass.copy(), np.empty_like(mass)
@@ -41,9 +44,9 @@ def roll(out, mass, world, seen, share, base, start, future, offset, place, body
             see_again(passed, seen[h if len(seen) > 1 else 0], share[h], corner_i - base[0], corner_j - base[1])
         mark_ego(passed, sensor_x, sensor_y, heading + turn, body, resolution, np.float32(-1))
         age(prior, now, ci - last_i, cj - last_j, masses[3])
-        _measure(now, prior, hit, passed, masses, out[h], weight)
+        _measure(now, prior, hit, passed, masses, out[h], weights[h])
         if share[h] > 0:
-            _remember(out[h], now, mass, ci - start[0], cj - start[1], weight * remembered * share[h] * share[h])
+            _remember(out[h], now, mass, ci - start[0], cj - start[1], weights[h] * remembered * share[h] * share[h])
         last_i, last_j = ci, cj
 
 

@@ -14,14 +14,30 @@ from envpred.mapping.rays import border_cell, first_cell, mark_ego, next_cell
 
 @njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[untyped-decorator, unused-ignore]
 def roll_back(  # type: ignore[no-untyped-def]
-    out, gradient, mass, world, seen, share, base, start, future, offset, place, body, masses, numbers, cells, moved_hit
+    out,
+    gradient,
+    mass,
+    world,
+    seen,
+    share,
+    base,
+    start,
+    future,
+    weights,
+    offset,
+    place,
+    body,
+    masses,
+    numbers,
+    cells,
+    moved_hit,
 ):
     """Add the gradient of one future by the world to `out`, as `world`; arguments as `roll`, which see.
 
     `gradient` (N, C, H, W) is that of what `roll` adds up.
     """
     forward, left, turn, resolution = place
-    least, clump, remembered, weight, _ = numbers
+    least, clump, remembered, _ = numbers
     N, C, H, W = gradient.shape
     half_i, half_j = H // 2, W // 2
     hits, rays = np.empty((N, H, W), np.float32), np.empty((N, H, W), np.float32)
@@ -57,10 +73,10 @@ def roll_back(  # type: ignore[no-untyped-def]
         if share[h] > 0:  # what is remembered of the last frame takes its share of the forecast
             kept -= remembered * share[h] * share[h]
         shift_i, shift_j = corner_i + half_i - start[0], corner_j + half_j - start[1]
-        _out_back(posterior, gradient[h], weight, kept, shift_i, shift_j)
+        _out_back(posterior, gradient[h], weights[h], kept, shift_i, shift_j)
         _fuse_back(by_hit, by_passed, prior, posterior, priors[h], hits[h], passes[h], masses)
         if C > 1:
-            _chances_back(by_hit, by_passed, gradient[h], hits[h], passes[h], weight)
+            _chances_back(by_hit, by_passed, gradient[h], hits[h], passes[h], weights[h])
         by_passed *= np.float32(1) - share[h]
         stop(opaque, hits[h], clump)
         _rays_back(by_hit, by_passed, rays[h], hits[h], opaque, sensors[h, 0], sensors[h, 1], least, clump)

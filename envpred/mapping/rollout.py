@@ -87,6 +87,7 @@ class Rollout:
         futures: FloatArray,
         movers: Movers | None = None,
         draws: FloatArray | None = None,
+        weights: FloatArray | None = None,
         mapper: Mapper = map,
         offset: tuple[int, int] = (0, 0),
     ) -> Grids:
@@ -99,9 +100,10 @@ class Rollout:
             mass: (2, H, W) posterior masses of the last frame shown.
             world: what scans meet, in the context grid of the last frame shown.
             centre_cell: (2,) lattice cell at the centre of that frame's grids.
-            futures: (K, N, 3) poses of the ego, in cells and radians, one a frame, equally likely.
+            futures: (K, N, 3) poses of the ego, in cells and radians, one a frame.
             movers: what moves on its own.
             draws: (K, 2) standard normal draws of the movers' velocities, one for each future; by default their means.
+            weights: (K, N) of the futures at each horizon, see `ego_motion.cell_weights`; by default all alike.
             mapper: `map`, or that of a thread pool.
             offset: centre cells of the future grids less the cells that hold the ego: 0, but 1 on an axis that has been
                 turned round, because a grid has a cell more to the west of its centre cell.
@@ -109,7 +111,7 @@ class Rollout:
         Raises:
             UserError: if the context is smaller than the grid, or a future leaves it.
         """
-        forecast = self._mean(1, mass, world, centre_cell, futures, movers, draws, mapper, offset)[:, 0]
+        forecast = self._mean(1, mass, world, centre_cell, futures, movers, draws, weights, mapper, offset)[:, 0]
         return np.minimum(forecast, 1)  # rounding
 
     def rendered(
@@ -120,6 +122,7 @@ class Rollout:
         futures: FloatArray,
         movers: Movers | None = None,
         draws: FloatArray | None = None,
+        weights: FloatArray | None = None,
         mapper: Mapper = map,
         offset: tuple[int, int] = (0, 0),
     ) -> Grids:
@@ -127,7 +130,7 @@ class Rollout:
 
         Args, Raises: as `expected`.
         """
-        return self._mean(4, mass, world, centre_cell, futures, movers, draws, mapper, offset)
+        return self._mean(4, mass, world, centre_cell, futures, movers, draws, weights, mapper, offset)
 
     def gradient(
         self,
@@ -138,6 +141,7 @@ class Rollout:
         futures: FloatArray,
         movers: Movers | None = None,
         draws: FloatArray | None = None,
+        weights: FloatArray | None = None,
         mapper: Mapper = map,
         offset: tuple[int, int] = (0, 0),
     ) -> Grids:
@@ -147,11 +151,11 @@ class Rollout:
         """
         scene, base = self._checked(mass, world, centre_cell, futures, offset)
 
-        def one(out: Grids, k: int, weight: float) -> None:
+        def one(out: Grids, k: int, weight: Grids) -> None:
             moved = self._carried_on(movers, draws, k, futures.shape[1])
             roll_back(out, of, *self._arguments(mass, scene, base, centre_cell, futures[k], weight, moved, offset))
 
-        found = _summed(one, scene.hit.shape, futures, draws, mapper)
+        found = _summed(one, scene.hit.shape, futures, draws, weights, mapper)
         rim = (found.shape[-1] - world.hit.shape[-1]) // 2
         return found[:, rim : found.shape[1] - rim, rim : found.shape[2] - rim]
 
@@ -164,17 +168,18 @@ class Rollout:
         futures: FloatArray,
         movers: Movers | None,
         draws: FloatArray | None,
+        weights: FloatArray | None,
         mapper: Mapper,
         offset: tuple[int, int],
     ) -> Grids:
         """Means (N, channels, H, W) over the futures of what `roll` adds up."""
         scene, base = self._checked(mass, world, centre_cell, futures, offset)
 
-        def one(out: Grids, k: int, weight: float) -> None:
+        def one(out: Grids, k: int, weight: Grids) -> None:
             moved = self._carried_on(movers, draws, k, futures.shape[1])
             roll(out, *self._arguments(mass, scene, base, centre_cell, futures[k], weight, moved, offset))
 
-        return _summed(one, (futures.shape[1], channels, *mass.shape[1:]), futures, draws, mapper)
+        return _summed(one, (futures.shape[1], channels, *mass.shape[1:]), futures, draws, weights, mapper)
 
     def samples(
         self,
@@ -199,7 +204,7 @@ class Rollout:
 
         def sample(k: int) -> None:
             moved = self._carried_on(movers, draws, k, N)
-            numbers = mass, scene, base, centre_cell, futures[k], 1.0, moved, offset, seeds[k]
+            numbers = mass, scene, base, centre_cell, futures[k], np.ones(N, np.float32), moved, offset, seeds[k]
             roll(drawn[k], *self._arguments(*numbers))
 
         list(mapper(sample, range(K)))
@@ -251,7 +256,7 @@ class Rollout:
         base: NDArray[np.int64],
         centre_cell: NDArray[np.integer],
         future: FloatArray,
-        weight: float,
+        weights: Grids,
         moved: Moved,
         offset: tuple[int, int],
         seed: int = 0,
@@ -268,9 +273,9 @@ class Rollout:
             share[share < 0.01] = 0
         start = int(centre_cell[0]), int(centre_cell[1])
         place = (*self.sensor, self.sensor_heading, self.grid.resolution)
-        reals = (np.float32(v) for v in (self.least, self.clump, self.remembered, weight))
+        reals = (np.float32(v) for v in (self.least, self.clump, self.remembered))
         numbers = (*reals, np.uint64(seed))
-        return mass, hit, seen, share, base, start, future, offset, place, self.body, masses, numbers, *moved
+        return mass, hit, seen, share, base, start, future, weights, offset, place, self.body, masses, numbers, *moved
 
     def _carried_on(self, movers: Movers | None, draws: FloatArray | None, k: int, horizons: int) -> Moved:
         """Where the movers of future `k` are."""
@@ -278,20 +283,21 @@ class Rollout:
 
 
 def _summed(
-    one: Callable[[Grids, int, float], None],
+    one: Callable[[Grids, int, Grids], None],
     shape: tuple[int, ...],
     futures: FloatArray,
     draws: FloatArray | None,
+    weights: FloatArray | None,
     mapper: Mapper,
 ) -> Grids:
-    """The sum of what `one` adds to an array of `shape` for the number and the weight of each future that differs."""
-    distinct, weights = _distinct(futures, draws)
+    """The sum of what `one` adds to an array of `shape` for the number and the weights of each future that differs."""
+    distinct, shares = _distinct(futures, draws, weights)
     parts = [range(n, len(distinct), CHUNKS) for n in range(min(CHUNKS, len(distinct)))]
 
     def part(n: int) -> Grids:
         summed = np.zeros(shape, np.float32)
         for k in parts[n]:
-            one(summed, distinct[k], weights[k])
+            one(summed, distinct[k], shares[k])
         return summed
 
     total: Grids
@@ -301,10 +307,15 @@ def _summed(
     return total
 
 
-def _distinct(futures: FloatArray, draws: FloatArray | None) -> tuple[list[int], list[float]]:
-    """Numbers of the futures that differ, and the shares they stand for: an ego that stands has one."""
-    K = len(futures)
+def _distinct(
+    futures: FloatArray, draws: FloatArray | None, weights: FloatArray | None
+) -> tuple[list[int], list[Grids]]:
+    """Numbers of the futures that differ, and the weights (N,) they stand for: an ego that stands has one."""
+    K, N, _ = futures.shape
+    if weights is None:
+        weights = np.full((K, N), 1 / K)
     flat = futures.reshape(K, -1) if draws is None else np.concatenate([futures.reshape(K, -1), draws], axis=1)
-    _, first, counts = np.unique(flat, axis=0, return_index=True, return_counts=True)
-    order = np.argsort(first)
-    return first[order].tolist(), (counts[order] / K).tolist()
+    _, first, inverse = np.unique(flat, axis=0, return_index=True, return_inverse=True)
+    order, inverse = np.argsort(first), inverse.reshape(K)  # its shape differs between releases of NumPy
+    shares = [weights[inverse == n].sum(axis=0).astype(np.float32) for n in order]
+    return first[order].tolist(), shares

@@ -125,7 +125,7 @@ class CorrectedRolloutForecaster(RolloutForecaster):
 
     def _correct_world(self, window: Window, futures: FloatArray, trust: float, pool: ThreadPoolExecutor) -> Tensor:
         """The forecast (N, H, W) of a corrected world."""
-        (mass, world, centre, _, movers, draws), _ = self._scene(window, futures)
+        (mass, world, centre, _, movers, draws, weights), _ = self._scene(window, futures)
         low = np.array(world.first)
         canvas, corner = self._canvas(window, low, low + np.array(world.hit.shape[1:]))
         first = (low - corner).tolist()
@@ -135,12 +135,14 @@ class CorrectedRolloutForecaster(RolloutForecaster):
 
         def render(hit: NDArray[np.float32]) -> NDArray[np.float32]:
             seen = replace(world, hit=hit)
-            return sensor.expected(mass, seen, centre, futures, movers, draws, pool.map, offset)
+            return sensor.expected(mass, seen, centre, futures, movers, draws, weights, pool.map, offset)
 
         def back(by: NDArray[np.float32], hit: NDArray[np.float32]) -> NDArray[np.float32]:
             seen = replace(world, hit=hit)
             with ThreadPoolExecutor(max(1, torch.get_num_threads())) as again:  # the forecast's own is closed by now
-                return sensor.gradient(by[:, None], mass, seen, centre, futures, movers, draws, again.map, offset)
+                return sensor.gradient(
+                    by[:, None], mass, seen, centre, futures, movers, draws, weights, again.map, offset
+                )
 
         rendered: Tensor = Rendering.apply(there, render, back)  # type: ignore[no-untyped-call]
         return rendered

@@ -13,7 +13,7 @@ from torch import Tensor
 from envpred.datamodules import Forecast, Needs, Role, Seen
 from envpred.errors import UserError
 from envpred.mapping import hit_rates
-from envpred.mapping.ego_motion import EgoMotion, ego_futures
+from envpred.mapping.ego_motion import EgoMotion, cell_weights, ego_futures
 from envpred.mapping.evidence import PAPER
 from envpred.mapping.geometry import FloatArray, GridSpec
 from envpred.mapping.movers import Movers, Moving
@@ -22,8 +22,11 @@ from envpred.mapping.world import World, label_world
 from envpred.models.forecaster import Forecaster
 
 Window = Mapping[str, NDArray[np.generic]]  # what is seen of one window, as arrays
-# Masses, world, centre cell, futures, movers and their draws: what `Rollout.expected` takes.
-Scene = tuple[NDArray[np.float32], World, NDArray[np.int64], FloatArray, Movers | None, FloatArray | None]
+# Masses, world, centre cell, futures, movers and their draws, weights: what `Rollout.expected` takes.
+Scene = tuple[
+    NDArray[np.float32], World, NDArray[np.int64], FloatArray, Movers | None, FloatArray | None, FloatArray | None
+]
+MANY, SOON = 1024, 4  # futures that tell how likely each cell is, and the frames ahead for which they do
 
 
 class RolloutForecaster(Forecaster):
@@ -88,6 +91,14 @@ class RolloutForecaster(Forecaster):
         generator, resolution = np.random.default_rng(self.hparams["seed"]), float(window["resolution"])
         return ego_futures(poses, times, horizons, self.hparams["futures"], generator, EgoMotion(), resolution)
 
+    def weights(self, window: Window, futures: FloatArray) -> FloatArray | None:
+        """Weights (K, N) of the `futures`, see `ego_motion.cell_weights`; None if all count alike."""
+        if len(futures) == 1:
+            return None
+        poses, times = np.asarray(window["pose"], np.float64), np.asarray(window["time"], np.float64)
+        generator, resolution = np.random.default_rng([self.hparams["seed"], 2]), float(window["resolution"])
+        return cell_weights(futures, ego_futures(poses, times, SOON, MANY, generator, EgoMotion(), resolution))
+
     def _rolled(
         self, window: Window, futures: FloatArray, pool: ThreadPoolExecutor
     ) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
@@ -96,7 +107,7 @@ class RolloutForecaster(Forecaster):
         mean = rollout.expected(*scene, pool.map, self.offset(window))
         if not self.hparams["samples"]:
             return mean, None
-        mass, world, centre, _, movers, draws = scene
+        mass, world, centre, _, movers, draws, _ = scene
         return mean, rollout.samples(
             mass, world, centre, futures, generator, movers, draws, pool.map, self.offset(window)
         )
@@ -129,7 +140,7 @@ class RolloutForecaster(Forecaster):
         generator = np.random.default_rng([self.hparams["seed"], 1])
         draws = generator.standard_normal((len(futures), 2)) if movers is not None else None
         mass, centre = np.asarray(window["evidence"][-1], np.float32), np.asarray(window["centre_cell"][-1], np.int64)
-        return (mass, world, centre, futures, movers, draws), generator
+        return (mass, world, centre, futures, movers, draws, self.weights(window, futures)), generator
 
     def _world(self, window: Window, futures: FloatArray) -> tuple[World, Movers | None]:
         """What the rays meet on the context grid: what stands, and what moves if that is told apart."""
