@@ -15,7 +15,7 @@ Rendering from the future sensor was proposed for point clouds by Khurana et al.
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +25,7 @@ from envpred.mapping.evidence import PAPER, EvidenceParameters, Mass
 from envpred.mapping.geometry import EGO, FREE, OCCUPIED, PAPER_BODY, FloatArray, GridSpec
 from envpred.mapping.measurement import roll
 from envpred.mapping.measurement_gradient import roll_back
-from envpred.mapping.movers import Moved, Movers, carried_on
+from envpred.mapping.movers import Movers, carried_on
 from envpred.mapping.world import Grids, World, check_context
 
 CHUNKS = (
@@ -37,6 +37,28 @@ class Mapper(Protocol):
     """Calls in order or at once: `map` itself, or that of a thread pool (the loops hold no lock of the interpreter)."""
 
     def __call__(self, function: Callable[[Any], Any], arguments: Iterable[Any], /) -> Iterator[Any]: ...
+
+
+class Scene(NamedTuple):
+    """What is known at the last frame shown, and where the ego goes from there.
+
+    Args:
+        mass: (2, H, W) posterior masses of the last frame shown.
+        world: what scans meet, on the context grid of that frame.
+        centre_cell: (2,) lattice cell at the centre of that frame's grids.
+        futures: (K, N, 3) poses of the ego, in cells and radians, one a frame.
+        movers: what moves on its own.
+        draws: (K, 2) standard normal draws of the movers' velocities, one for each future; by default their means.
+        weights: (K, N) of the futures at each horizon, see `ego_motion.cell_weights`; by default all alike.
+    """
+
+    mass: Mass
+    world: World
+    centre_cell: NDArray[np.integer]
+    futures: FloatArray
+    movers: Movers | None = None
+    draws: FloatArray | None = None
+    weights: FloatArray | None = None
 
 
 @dataclass(frozen=True)
@@ -79,31 +101,14 @@ class Rollout:
         """The rollout of a mirrored world, where left is right."""
         return replace(self, sensor=(self.sensor[0], -self.sensor[1]), sensor_heading=-self.sensor_heading)
 
-    def expected(
-        self,
-        mass: Mass,
-        world: World,
-        centre_cell: NDArray[np.integer],
-        futures: FloatArray,
-        movers: Movers | None = None,
-        draws: FloatArray | None = None,
-        weights: FloatArray | None = None,
-        mapper: Mapper = map,
-        offset: tuple[int, int] = (0, 0),
-    ) -> Grids:
+    def expected(self, scene: Scene, mapper: Mapper = map, offset: tuple[int, int] = (0, 0)) -> Grids:
         """The forecast (N, H, W): the mean over the futures of the expected probability of occupied.
 
         In expectation over hits that come and go a cell's masses are m' = q fuse(m, occupied) + (1 - q) T fuse(m, free)
         + (1 - q) (1 - T) age(m), with q its probability of a hit and T its transmittance.
 
         Args:
-            mass: (2, H, W) posterior masses of the last frame shown.
-            world: what scans meet, in the context grid of the last frame shown.
-            centre_cell: (2,) lattice cell at the centre of that frame's grids.
-            futures: (K, N, 3) poses of the ego, in cells and radians, one a frame.
-            movers: what moves on its own.
-            draws: (K, 2) standard normal draws of the movers' velocities, one for each future; by default their means.
-            weights: (K, N) of the futures at each horizon, see `ego_motion.cell_weights`; by default all alike.
+            scene: what is known.
             mapper: `map`, or that of a thread pool.
             offset: centre cells of the future grids less the cells that hold the ego: 0, but 1 on an axis that has been
                 turned round, because a grid has a cell more to the west of its centre cell.
@@ -111,114 +116,63 @@ class Rollout:
         Raises:
             UserError: if the context is smaller than the grid, or a future leaves it.
         """
-        forecast = self._mean(1, mass, world, centre_cell, futures, movers, draws, weights, mapper, offset)[:, 0]
-        return np.minimum(forecast, 1)  # rounding
+        return np.minimum(self._mean(1, scene, mapper, offset)[:, 0], 1)  # rounding
 
-    def rendered(
-        self,
-        mass: Mass,
-        world: World,
-        centre_cell: NDArray[np.integer],
-        futures: FloatArray,
-        movers: Movers | None = None,
-        draws: FloatArray | None = None,
-        weights: FloatArray | None = None,
-        mapper: Mapper = map,
-        offset: tuple[int, int] = (0, 0),
-    ) -> Grids:
+    def rendered(self, scene: Scene, mapper: Mapper = map, offset: tuple[int, int] = (0, 0)) -> Grids:
         """What the forecast is made of (N, 4, H, W): expected m(O), m(F), chances of a hit and of being seen free.
 
         Args, Raises: as `expected`.
         """
-        return self._mean(4, mass, world, centre_cell, futures, movers, draws, weights, mapper, offset)
+        return self._mean(4, scene, mapper, offset)
 
-    def gradient(
-        self,
-        of: Grids,
-        mass: Mass,
-        world: World,
-        centre_cell: NDArray[np.integer],
-        futures: FloatArray,
-        movers: Movers | None = None,
-        draws: FloatArray | None = None,
-        weights: FloatArray | None = None,
-        mapper: Mapper = map,
-        offset: tuple[int, int] = (0, 0),
-    ) -> Grids:
+    def gradient(self, of: Grids, scene: Scene, mapper: Mapper = map, offset: tuple[int, int] = (0, 0)) -> Grids:
         """The gradient by `world.hit`, of its shape, of something whose gradient by the forecast is `of`.
 
         Args: `of` (N, 1, H, W) by what is `expected`, or (N, 4, H, W) by what is `rendered`; as these.
         """
-        scene, base = self._checked(mass, world, centre_cell, futures, offset)
+        given, base = self._checked(scene, offset)
 
-        def one(out: Grids, k: int, weight: Grids) -> None:
-            moved = self._carried_on(movers, draws, k, futures.shape[1])
-            roll_back(out, of, *self._arguments(mass, scene, base, centre_cell, futures[k], weight, moved, offset))
+        def one(out: Grids, k: int, weights: Grids) -> None:
+            roll_back(out, of, *self._arguments(given, base, k, weights, offset))
 
-        found = _summed(one, scene.hit.shape, futures, draws, weights, mapper)
-        rim = (found.shape[-1] - world.hit.shape[-1]) // 2
+        found = _summed(one, given.world.hit.shape, scene, mapper)
+        rim = (found.shape[-1] - scene.world.hit.shape[-1]) // 2
         return found[:, rim : found.shape[1] - rim, rim : found.shape[2] - rim]
 
-    def _mean(
-        self,
-        channels: int,
-        mass: Mass,
-        world: World,
-        centre_cell: NDArray[np.integer],
-        futures: FloatArray,
-        movers: Movers | None,
-        draws: FloatArray | None,
-        weights: FloatArray | None,
-        mapper: Mapper,
-        offset: tuple[int, int],
-    ) -> Grids:
+    def _mean(self, channels: int, scene: Scene, mapper: Mapper, offset: tuple[int, int]) -> Grids:
         """Means (N, channels, H, W) over the futures of what `roll` adds up."""
-        scene, base = self._checked(mass, world, centre_cell, futures, offset)
+        given, base = self._checked(scene, offset)
 
-        def one(out: Grids, k: int, weight: Grids) -> None:
-            moved = self._carried_on(movers, draws, k, futures.shape[1])
-            roll(out, *self._arguments(mass, scene, base, centre_cell, futures[k], weight, moved, offset))
+        def one(out: Grids, k: int, weights: Grids) -> None:
+            roll(out, *self._arguments(given, base, k, weights, offset))
 
-        return _summed(one, (futures.shape[1], channels, *mass.shape[1:]), futures, draws, weights, mapper)
+        return _summed(one, (scene.futures.shape[1], channels, *scene.mass.shape[1:]), scene, mapper)
 
     def samples(
         self,
-        mass: Mass,
-        world: World,
-        centre_cell: NDArray[np.integer],
-        futures: FloatArray,
+        scene: Scene,
         generator: np.random.Generator,
-        movers: Movers | None = None,
-        draws: FloatArray | None = None,
         mapper: Mapper = map,
         offset: tuple[int, int] = (0, 0),
     ) -> Grids:
         """Forecasts (K, N, H, W), one for each future, in a world whose hits are drawn, frame by frame.
 
-        Args, Raises: as `expected`; `generator` draws the hits.
+        Args, Raises: as `expected`; `generator` draws the hits.  The futures count alike.
         """
-        scene, base = self._checked(mass, world, centre_cell, futures, offset)
-        K, N, _ = futures.shape
-        drawn = np.zeros((K, N, 1, *mass.shape[1:]), np.float32)
+        given, base = self._checked(scene, offset)
+        K, N, _ = scene.futures.shape
+        drawn = np.zeros((K, N, 1, *scene.mass.shape[1:]), np.float32)
         seeds: list[int] = np.asarray(generator.integers(1, 1 << 63, size=K)).tolist()
 
         def sample(k: int) -> None:
-            moved = self._carried_on(movers, draws, k, N)
-            numbers = mass, scene, base, centre_cell, futures[k], np.ones(N, np.float32), moved, offset, seeds[k]
-            roll(drawn[k], *self._arguments(*numbers))
+            roll(drawn[k], *self._arguments(given, base, k, np.ones(N, np.float32), offset, seeds[k]))
 
         list(mapper(sample, range(K)))
         return drawn[:, :, 0]
 
-    def _checked(
-        self,
-        mass: Mass,
-        world: World,
-        centre_cell: NDArray[np.integer],
-        futures: FloatArray,
-        offset: tuple[int, int],
-    ) -> tuple[World, NDArray[np.int64]]:
-        """The world, with a rim where futures leave it, and the lattice cell of its south-west corner."""
+    def _checked(self, scene: Scene, offset: tuple[int, int]) -> tuple[Scene, NDArray[np.int64]]:
+        """The scene, its world with a rim where futures leave it, and the lattice cell of the world's first cell."""
+        mass, world, centre_cell, futures = scene[:4]
         cells, half = self.grid.cells, self.grid.half
         if futures.ndim != 3 or futures.shape[2] != 3:
             raise ValueError(f"futures (K, N, 3) expected, not {futures.shape}")
@@ -247,21 +201,13 @@ class Rollout:
             hit = np.pad(world.hit, rim, constant_values=np.float32(self.beyond))
             seen = None if world.seen is None else np.pad(world.seen, rim)
             world, base = replace(world, hit=hit, seen=seen), base - short
-        return world, base
+        return scene._replace(world=world), base
 
     def _arguments(
-        self,
-        mass: Mass,
-        world: World,
-        base: NDArray[np.int64],
-        centre_cell: NDArray[np.integer],
-        future: FloatArray,
-        weights: Grids,
-        moved: Moved,
-        offset: tuple[int, int],
-        seed: int = 0,
+        self, scene: Scene, base: NDArray[np.int64], k: int, weights: Grids, offset: tuple[int, int], seed: int = 0
     ) -> tuple[Any, ...]:
-        """What `roll` takes of one future beside what it adds to; hits are drawn if there is a `seed`."""
+        """What `roll` takes of future `k` beside what it adds to; hits are drawn if there is a `seed`."""
+        world, future, draws = scene.world, scene.futures[k], scene.draws
         table = self.evidence.table()
         masses = table[OCCUPIED, 0], table[FREE, 1], table[EGO, 0], np.float32(self.evidence.discount)
         hit = np.ascontiguousarray(world.hit, np.float32)
@@ -271,27 +217,33 @@ class Rollout:
             moved_off = np.linalg.norm(future[:, :2] - world.place, axis=1) * self.grid.resolution
             share = np.exp(-((moved_off / world.near) ** 2)).astype(np.float32)
             share[share < 0.01] = 0
-        start = int(centre_cell[0]), int(centre_cell[1])
+        start = int(scene.centre_cell[0]), int(scene.centre_cell[1])
         place = (*self.sensor, self.sensor_heading, self.grid.resolution)
         reals = (np.float32(v) for v in (self.least, self.clump, self.remembered))
         numbers = (*reals, np.uint64(seed))
-        return mass, hit, seen, share, base, start, future, weights, offset, place, self.body, masses, numbers, *moved
+        draw = None if draws is None else draws[k]
+        moved = carried_on(scene.movers, draw, len(future), self.period, self.grid.resolution)
+        return (
+            scene.mass,
+            hit,
+            seen,
+            share,
+            base,
+            start,
+            future,
+            weights,
+            offset,
+            place,
+            self.body,
+            masses,
+            numbers,
+            *moved,
+        )
 
-    def _carried_on(self, movers: Movers | None, draws: FloatArray | None, k: int, horizons: int) -> Moved:
-        """Where the movers of future `k` are."""
-        return carried_on(movers, None if draws is None else draws[k], horizons, self.period, self.grid.resolution)
 
-
-def _summed(
-    one: Callable[[Grids, int, Grids], None],
-    shape: tuple[int, ...],
-    futures: FloatArray,
-    draws: FloatArray | None,
-    weights: FloatArray | None,
-    mapper: Mapper,
-) -> Grids:
+def _summed(one: Callable[[Grids, int, Grids], None], shape: tuple[int, ...], scene: Scene, mapper: Mapper) -> Grids:
     """The sum of what `one` adds to an array of `shape` for the number and the weights of each future that differs."""
-    distinct, shares = _distinct(futures, draws, weights)
+    distinct, shares = _distinct(scene)
     parts = [range(n, len(distinct), CHUNKS) for n in range(min(CHUNKS, len(distinct)))]
 
     def part(n: int) -> Grids:
@@ -307,13 +259,10 @@ def _summed(
     return total
 
 
-def _distinct(
-    futures: FloatArray, draws: FloatArray | None, weights: FloatArray | None
-) -> tuple[list[int], list[Grids]]:
+def _distinct(scene: Scene) -> tuple[list[int], list[Grids]]:
     """Numbers of the futures that differ, and the weights (N,) they stand for: an ego that stands has one."""
-    K, N, _ = futures.shape
-    if weights is None:
-        weights = np.full((K, N), 1 / K)
+    (K, N, _), futures, draws = scene.futures.shape, scene.futures, scene.draws
+    weights = np.full((K, N), 1 / K) if scene.weights is None else scene.weights
     flat = futures.reshape(K, -1) if draws is None else np.concatenate([futures.reshape(K, -1), draws], axis=1)
     _, first, inverse = np.unique(flat, axis=0, return_index=True, return_inverse=True)
     order, inverse = np.argsort(first), inverse.reshape(K)  # its shape differs between releases of NumPy

@@ -105,7 +105,7 @@ class CorrectedRolloutForecaster(RolloutForecaster):
             return self._correct_world(window, futures, trust, pool)[which]
         scene, _ = self._scene(window, futures)
         offset = self.offset(window)
-        rendered = self._sensor(window).rendered(*scene, pool.map, offset)[which]
+        rendered = self._sensor(window).rendered(scene, pool.map, offset)[which]
         # Where the grid of the mean future lies, beside that of the last frame shown.
         centres = np.floor(mean + 0.5).astype(np.int64) + offset - np.asarray(window["centre_cell"][-1], np.int64)
         n, cells = rendered.shape[-1], int(window["context_label"].shape[-1])
@@ -125,7 +125,8 @@ class CorrectedRolloutForecaster(RolloutForecaster):
 
     def _correct_world(self, window: Window, futures: FloatArray, trust: float, pool: ThreadPoolExecutor) -> Tensor:
         """The forecast (N, H, W) of a corrected world."""
-        (mass, world, centre, _, movers, draws, weights), _ = self._scene(window, futures)
+        scene, _ = self._scene(window, futures)
+        world = scene.world
         low = np.array(world.first)
         canvas, corner = self._canvas(window, low, low + np.array(world.hit.shape[1:]))
         first = (low - corner).tolist()
@@ -134,15 +135,12 @@ class CorrectedRolloutForecaster(RolloutForecaster):
         sensor, offset = self._sensor(window), self.offset(window)
 
         def render(hit: NDArray[np.float32]) -> NDArray[np.float32]:
-            seen = replace(world, hit=hit)
-            return sensor.expected(mass, seen, centre, futures, movers, draws, weights, pool.map, offset)
+            return sensor.expected(scene._replace(world=replace(world, hit=hit)), pool.map, offset)
 
         def back(by: NDArray[np.float32], hit: NDArray[np.float32]) -> NDArray[np.float32]:
-            seen = replace(world, hit=hit)
+            corrected = scene._replace(world=replace(world, hit=hit))
             with ThreadPoolExecutor(max(1, torch.get_num_threads())) as again:  # the forecast's own is closed by now
-                return sensor.gradient(
-                    by[:, None], mass, seen, centre, futures, movers, draws, weights, again.map, offset
-                )
+                return sensor.gradient(by[:, None], corrected, again.map, offset)
 
         rendered: Tensor = Rendering.apply(there, render, back)  # type: ignore[no-untyped-call]
         return rendered

@@ -17,15 +17,11 @@ from envpred.mapping.ego_motion import EgoMotion, cell_weights, ego_futures
 from envpred.mapping.evidence import PAPER
 from envpred.mapping.geometry import FloatArray, GridSpec
 from envpred.mapping.movers import Movers, Moving
-from envpred.mapping.rollout import Rollout
+from envpred.mapping.rollout import Rollout, Scene
 from envpred.mapping.world import World, label_world
 from envpred.models.forecaster import Forecaster
 
 Window = Mapping[str, NDArray[np.generic]]  # what is seen of one window, as arrays
-# Masses, world, centre cell, futures, movers and their draws, weights: what `Rollout.expected` takes.
-Scene = tuple[
-    NDArray[np.float32], World, NDArray[np.int64], FloatArray, Movers | None, FloatArray | None, FloatArray | None
-]
 MANY, SOON = 1024, 4  # futures that tell how likely each cell is, and the frames ahead for which they do
 
 
@@ -104,13 +100,9 @@ class RolloutForecaster(Forecaster):
     ) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
         """The forecast (N, H, W) of one window, and its samples (K, N, H, W) where they are asked for."""
         rollout, scene, generator = self._sensor(window), *self._scene(window, futures)
-        mean = rollout.expected(*scene, pool.map, self.offset(window))
-        if not self.hparams["samples"]:
-            return mean, None
-        mass, world, centre, _, movers, draws, _ = scene
-        return mean, rollout.samples(
-            mass, world, centre, futures, generator, movers, draws, pool.map, self.offset(window)
-        )
+        offset = self.offset(window)
+        mean = rollout.expected(scene, pool.map, offset)
+        return mean, rollout.samples(scene, generator, pool.map, offset) if self.hparams["samples"] else None
 
     def offset(self, window: Window) -> tuple[int, int]:
         """Centre cells of grids less the cells that hold the ego: 0, but for windows that are turned or cut out."""
@@ -140,7 +132,7 @@ class RolloutForecaster(Forecaster):
         generator = np.random.default_rng([self.hparams["seed"], 1])
         draws = generator.standard_normal((len(futures), 2)) if movers is not None else None
         mass, centre = np.asarray(window["evidence"][-1], np.float32), np.asarray(window["centre_cell"][-1], np.int64)
-        return (mass, world, centre, futures, movers, draws, self.weights(window, futures)), generator
+        return Scene(mass, world, centre, futures, movers, draws, self.weights(window, futures)), generator
 
     def _world(self, window: Window, futures: FloatArray) -> tuple[World, Movers | None]:
         """What the rays meet on the context grid: what stands, and what moves if that is told apart."""

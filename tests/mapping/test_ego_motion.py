@@ -5,7 +5,16 @@ import pytest
 import torch
 
 from envpred.errors import UserError
-from envpred.mapping.ego_motion import EgoMotion, body_steps, drive_on, ego_futures, extrapolate, in_cells, planned
+from envpred.mapping.ego_motion import (
+    EgoMotion,
+    body_steps,
+    cell_weights,
+    drive_on,
+    ego_futures,
+    extrapolate,
+    in_cells,
+    planned,
+)
 from envpred.mapping.geometry import FloatArray
 
 CELL, PERIOD = 1 / 3, 0.1
@@ -147,3 +156,29 @@ def test_a_plan_is_taken_as_it_is_and_a_short_or_broken_one_refused() -> None:
 def test_motions_that_make_no_sense_are_refused(bad: dict[str, float]) -> None:
     with pytest.raises(UserError, match=next(iter(bad))):
         EgoMotion(**bad)
+
+
+def test_few_futures_count_by_how_many_come_to_their_cell() -> None:
+    """Three of four are in cell 0, where half of many are; cell 2 is rare, cell 5 is not, and nobody is there."""
+    futures, many = np.zeros((4, 3, 3)), np.zeros((100, 2, 3))
+    futures[3, :, 0] = 0.6  # rounds to cell 1
+    many[:50, 0, 0], many[99, 0, 0] = 1.2, 2.0
+    many[:90, 1, 0], many[90:, 1, 0] = 0.2, 5.0
+    weights = cell_weights(futures, many)
+    assert weights[:, 0] == pytest.approx(np.array([49 / 3, 49 / 3, 49 / 3, 50]) / 99)
+    assert (weights[:, 1] == 0.25).all(), "a tenth of the probability lies where no future is"
+    assert (weights[:, 2] == 0.25).all(), "further than many reach"
+
+
+def test_the_weights_of_a_drive_are_the_same_whatever_futures_are_drawn() -> None:
+    """The chance of each cell 0.1 s ahead is that of many futures, for every seed of the few."""
+    poses = np.array([[2.9 * k, 0.1, 0.0] for k in range(5)])  # 9.7 m/s, to the border of two cells at 14.5
+    times, motion = 0.1 * np.arange(5, dtype=np.float64), EgoMotion(clock=0.0, speed=1.0)
+    chances = []
+    many = ego_futures(poses, times, 1, 2048, np.random.default_rng(9), motion, 1 / 3)
+    for seed in range(4):
+        futures = ego_futures(poses, times, 1, 16, np.random.default_rng(seed), motion, 1 / 3)
+        weights = cell_weights(futures, many)
+        chances.append(float((weights[:, 0] * (futures[:, 0, 0] < 14.5)).sum()))
+    assert 0.02 < chances[0] < 0.98
+    assert chances == pytest.approx([float((many[:, 0, 0] < 14.5).mean())] * 4, abs=0.03)

@@ -5,7 +5,7 @@ import pytest
 
 from envpred.mapping.geometry import GridSpec
 from envpred.mapping.movers import Movers
-from envpred.mapping.rollout import Rollout
+from envpred.mapping.rollout import Rollout, Scene
 from envpred.mapping.world import Grids, World
 
 CELLS, WIDE = 16, 32
@@ -43,10 +43,10 @@ def test_the_gradient_is_that_of_differences(channels: int, moving: bool, seen: 
     def value(hit: Grids) -> float:
         there = World(hit, world.seen, world.place, world.near)
         make = ROLLOUT.expected if channels == 1 else ROLLOUT.rendered
-        made = make(mass, there, CENTRE, futures, movers)
+        made = make(Scene(mass, there, CENTRE, futures, movers))
         return float((made.reshape(by.shape).astype(np.float64) * by).sum())
 
-    found = ROLLOUT.gradient(by, mass, world, CENTRE, futures, movers)
+    found = ROLLOUT.gradient(by, Scene(mass, world, CENTRE, futures, movers))
     assert found.shape == world.hit.shape
     step = 2e-4  # small: where another ray becomes a cell's most transparent one, there is a kink
     for _ in range(6):
@@ -68,7 +68,7 @@ def test_a_wall_is_pulled_away_where_free_cells_behind_it_are_wanted() -> None:
     by[0, 1, 8 + 6, 8] = 1
     rollout = Rollout((0.0, 0.0), grid=GridSpec(CELLS), body=(-0.1, 0.1, 0.1), clump=0.5)
     found = rollout.gradient(
-        by, np.zeros((2, CELLS, CELLS), np.float32), World(hit), np.zeros(2, int), np.zeros((1, 1, 3))
+        by, Scene(np.zeros((2, CELLS, CELLS), np.float32), World(hit), np.zeros(2, int), np.zeros((1, 1, 3)))
     )
     some = q + 0.5 * (1 - q)
     assert found[0, 8 + 4, 8] == pytest.approx(-0.95 * (2 * q * some - q * q * 0.5) / some**2, rel=1e-4)
@@ -80,10 +80,10 @@ def test_a_world_alike_for_all_horizons_has_the_sum_of_their_gradients_and_a_rim
     mass, world, futures, _ = scene(3, False, False)
     alike = World(np.repeat(world.hit[:1], 3, axis=0))
     by = np.random.default_rng(1).normal(size=(3, 1, CELLS, CELLS)).astype(np.float32)
-    each = ROLLOUT.gradient(by, mass, alike, CENTRE, futures)
-    once = ROLLOUT.gradient(by, mass, World(world.hit[:1]), CENTRE, futures)
+    each = ROLLOUT.gradient(by, Scene(mass, alike, CENTRE, futures))
+    once = ROLLOUT.gradient(by, Scene(mass, World(world.hit[:1]), CENTRE, futures))
     np.testing.assert_allclose(once[0], each.sum(axis=0), atol=1e-5)
     inner = slice(7, -7)
     beyond = Rollout((0.2, -0.1), grid=GridSpec(CELLS), body=(-0.1, 0.1, 0.1), beyond=0.0)
     part = World(world.hit[:1, inner, inner])
-    assert beyond.gradient(by, mass, part, CENTRE, futures).shape == part.hit.shape
+    assert beyond.gradient(by, Scene(mass, part, CENTRE, futures)).shape == part.hit.shape

@@ -3,7 +3,7 @@
 import numpy as np
 
 from envpred.mapping.geometry import GridSpec
-from envpred.mapping.rollout import Rollout
+from envpred.mapping.rollout import Rollout, Scene
 from envpred.mapping.world import World
 
 
@@ -17,8 +17,8 @@ def test_what_is_rendered_is_what_the_forecast_is_made_of() -> None:
     standing = np.tile([100.0, 100.0, 0.3], (3, 4, 1))
     moving = standing + np.stack([np.arange(1.0, 5), np.zeros(4), np.zeros(4)], axis=1)
     for futures in (standing, moving):
-        rendered = rollout.rendered(mass, World(hit[None]), np.array([100, 100]), futures)
-        forecast = rollout.expected(mass, World(hit[None]), np.array([100, 100]), futures)
+        rendered = rollout.rendered(Scene(mass, World(hit[None]), np.array([100, 100]), futures))
+        forecast = rollout.expected(Scene(mass, World(hit[None]), np.array([100, 100]), futures))
         np.testing.assert_allclose(0.5 + 0.5 * (rendered[:, 0] - rendered[:, 1]), forecast, atol=1e-5)
         assert rendered.shape == (4, 4, 32, 32)
         assert rendered.min() > -1e-6

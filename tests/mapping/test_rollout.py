@@ -16,7 +16,7 @@ from envpred.mapping.evidence import accumulate, pignistic
 from envpred.mapping.geometry import FloatArray, GridSpec
 from envpred.mapping.label_grid import RayCasting
 from envpred.mapping.movers import Movers
-from envpred.mapping.rollout import Rollout
+from envpred.mapping.rollout import Rollout, Scene
 from envpred.mapping.world import World, label_world
 
 SPEC = GridSpec(64)
@@ -60,9 +60,9 @@ def test_a_static_world_is_measured_as_the_mapping_measures_it(turn: float, seed
     mass = accumulate(labels, centres)
     wide, _ = measured(obstacles, poses[4:5], GridSpec(CONTEXT))
     world = label_world(wide[0], 1.0)
-    found = Rollout(SENSOR, grid=SPEC).expected(mass[4], world, centres[4], poses[None, 5:])
+    found = Rollout(SENSOR, grid=SPEC).expected(Scene(mass[4], world, centres[4], poses[None, 5:]))
     assert np.abs(found - pignistic(mass[5:])).max() < 2e-6
-    drawn = Rollout(SENSOR, grid=SPEC).samples(mass[4], world, centres[4], poses[None, 5:], random)
+    drawn = Rollout(SENSOR, grid=SPEC).samples(Scene(mass[4], world, centres[4], poses[None, 5:]), random)
     assert (drawn[0] == found).all(), "nothing is left to chance in a world of 0 and 1"
     still = pignistic(mass[4])
     assert np.abs(still - pignistic(mass[-1])).max() > 0.9, "a drive on which things change"
@@ -97,7 +97,7 @@ SEEN_FREE, SEEN_OCCUPIED = 0.025, 0.975
 def test_a_wall_with_a_gap_that_may_be_closed() -> None:
     """Wall at x = 4 from y = -3 to 3; its middle cell is hit every fourth time."""
     wall = {(4, j): 1.0 for j in range(-3, 4)}
-    found = small(clump=0.0).expected(NOTHING, hits({**wall, (4, 0): 0.25}), ORIGIN_CELL, still(1))[0]
+    found = small(clump=0.0).expected(Scene(NOTHING, hits({**wall, (4, 0): 0.25}), ORIGIN_CELL, still(1)))[0]
     assert found[8 + 4, 8 + 1] == pytest.approx(SEEN_OCCUPIED)
     assert found[8 + 3, 8] == pytest.approx(SEEN_FREE)
     # The gap: q = 0.25 occupied, else free: m = (0.25 x 0.95, 0.75 x 0.95).
@@ -107,7 +107,7 @@ def test_a_wall_with_a_gap_that_may_be_closed() -> None:
     # Behind the wall: not measured.
     assert found[8 + 6, 8 + 2] == pytest.approx(0.5)
     # With clump c a cell stops rays with q^2 / (q + c (1 - q)): 0.0625 / 0.625 = 0.1.
-    found = small(clump=0.5).expected(NOTHING, hits({**wall, (4, 0): 0.25}), ORIGIN_CELL, still(1))[0]
+    found = small(clump=0.5).expected(Scene(NOTHING, hits({**wall, (4, 0): 0.25}), ORIGIN_CELL, still(1)))[0]
     assert found[8 + 6, 8] == pytest.approx(0.5 - 0.5 * 0.9 * 0.95)
     assert found[8 + 6, 8 + 2] == pytest.approx(0.5), "a sure hit stops all"
 
@@ -116,7 +116,7 @@ def test_evidence_of_the_past_ages_and_is_fused() -> None:
     """m' = q fuse(m, occupied) + (1 - q) T fuse(m, free), with m = (0.6, 0.3) aged to (0.54, 0.27)."""
     mass = NOTHING.copy()
     mass[:, 8 + 4, 8] = 0.6, 0.3
-    found = small().expected(mass, hits({(4, 0): 0.25}), ORIGIN_CELL, still(1))[0, 8 + 4, 8]
+    found = small().expected(Scene(mass, hits({(4, 0): 0.25}), ORIGIN_CELL, still(1)))[0, 8 + 4, 8]
     o, f, u = 0.54, 0.27, 0.19
     agreed = 1 - 0.95 * f, 1 - 0.95 * o
     occupied = 0.25 * (o + 0.95 * u) / agreed[0] + 0.75 * o * 0.05 / agreed[1]
@@ -128,7 +128,7 @@ def test_an_ego_that_turns_and_drives_looks_from_where_it_is() -> None:
     """The sensor is 1 m ahead of the body; turned to the north it is 3 cells north of it."""
     ahead = Rollout((1.0, 0.0), grid=SMALL, body=TINY_EGO)
     future = np.array([[[2.0, 0.0, np.pi / 2]]])
-    found = ahead.expected(NOTHING, hits({(2, 5): 1.0}, 32), ORIGIN_CELL, future)[0]
+    found = ahead.expected(Scene(NOTHING, hits({(2, 5): 1.0}, 32), ORIGIN_CELL, future))[0]
     # The grid's centre cell is (2, 0): the hit at (2, 5) lies at (0, 5) in it, the sensor at (0, 3).
     assert found[8, 8 + 5] == pytest.approx(SEEN_OCCUPIED)
     assert found[8, 8 + 4] == pytest.approx(1.0), "within a cell of the body"
@@ -141,7 +141,7 @@ def test_cells_that_enter_carry_no_mass_and_others_keep_theirs() -> None:
     mass[0] = 0.5
     wall = hits({(i, j): 1.0 for i in range(-3, 8) for j in (-2, 2)}, 32)
     future = np.array([[[2.0, 0.0, 0.0]]])
-    found = small().expected(mass, wall, ORIGIN_CELL, future)[0]
+    found = small().expected(Scene(mass, wall, ORIGIN_CELL, future))[0]
     assert found[8, 8 + 6] == pytest.approx(0.5 + 0.25 * 0.9), "in the shadow: aged"
     assert found[15, 15] == pytest.approx(0.5), "in the shadow, and new: 15 was beyond the grid before"
 
@@ -155,7 +155,7 @@ def test_a_mover_crosses_uncovers_and_hides() -> None:
         hit=np.full((1, 5), 1.0, np.float32),
     )
     rollout = small()
-    found = rollout.expected(NOTHING, hits({}), ORIGIN_CELL, still(5), movers)
+    found = rollout.expected(Scene(NOTHING, hits({}), ORIGIN_CELL, still(5), movers))
     # Seen free once, m(F) = 0.95 ages to 0.855; then hit: (0.145 x 0.95, 0.855 x 0.05) / (1 - 0.855 x 0.95).
     assert found[0, 8 + 4, 8 - 3] == pytest.approx(SEEN_OCCUPIED)
     assert found[1, 8 + 4, 8 - 2] == pytest.approx(0.5 + 0.5 * (0.13775 - 0.04275) / 0.18775)
@@ -167,7 +167,7 @@ def test_a_mover_crosses_uncovers_and_hides() -> None:
     assert found[3, 8 + 6, 8] > found[2, 8 + 6, 8], "when it comes between, the evidence of free fades"
     # Drawn one deviation faster it goes twice as far, one deviation slower it stands.
     draws = np.array([[0.0, 1.0], [0.0, -1.0]])
-    both = rollout.expected(NOTHING, hits({}), ORIGIN_CELL, np.repeat(still(5), 2, axis=0), movers, draws)
+    both = rollout.expected(Scene(NOTHING, hits({}), ORIGIN_CELL, np.repeat(still(5), 2, axis=0), movers, draws))
     assert both[0, 8 + 4, [8 - 4, 8 - 3, 8 - 2]] == pytest.approx([0.5, SEEN_FREE, 0.5], abs=1e-3)
     assert both[2, 8 + 4, 8 - 4] == pytest.approx(0.5, abs=0.02), "free or occupied three times"
     assert both[2, 8 + 4, 8 + 2] == pytest.approx((0.68 + 0.01) / 2, abs=0.03)
@@ -180,14 +180,16 @@ def test_where_the_ego_stands_the_last_frame_is_remembered() -> None:
     world = World(hits(wall).hit, seen, (0.0, 0.0), near=1.0)
     mass = NOTHING.copy()
     mass[0, 8 + 6, 8] = 0.5
-    alone = small(remembered=0.0).expected(mass, world, ORIGIN_CELL, still(1))[0, 8 + 6, 8]
+    alone = small(remembered=0.0).expected(Scene(mass, world, ORIGIN_CELL, still(1)))[0, 8 + 6, 8]
     # Aged to 0.45; with 0.8 fused with free: (0.45 x 0.05, 0.55 x 0.95) / (1 - 0.45 x 0.95).
     k = 1 - 0.45 * 0.95
     expected = 0.5 + 0.5 * (0.8 * (0.45 * 0.05 - 0.55 * 0.95) / k + 0.2 * 0.45)
     assert alone == pytest.approx(expected, abs=1e-6)
-    half = small(remembered=0.5).expected(mass, world, ORIGIN_CELL, still(1))[0, 8 + 6, 8]
+    half = small(remembered=0.5).expected(Scene(mass, world, ORIGIN_CELL, still(1)))[0, 8 + 6, 8]
     assert half == pytest.approx((expected + 0.75) / 2, abs=1e-6)
-    away = small(remembered=0.5).expected(mass, replace(world, place=(-9.0, 0.0)), ORIGIN_CELL, still(1))[0, 8 + 6, 8]
+    away = small(remembered=0.5).expected(Scene(mass, replace(world, place=(-9.0, 0.0)), ORIGIN_CELL, still(1)))[
+        0, 8 + 6, 8
+    ]
     assert away == pytest.approx(0.5 + 0.5 * 0.45), "from 3 m away nothing of that counts"
 
 
@@ -196,17 +198,17 @@ def test_futures_are_averaged_and_equal_ones_measured_once() -> None:
     world = World(random.random((1, 64, 64)).astype(np.float32) * (random.random((1, 64, 64)) < 0.2))
     mass = (random.dirichlet((1, 1, 2), (16, 16)).transpose(2, 0, 1)[:2]).astype(np.float32)
     futures = np.cumsum(random.uniform(-1, 1, (6, 4, 3)), axis=1).astype(np.float64)
-    every = [small().expected(mass, world, ORIGIN_CELL, future[None]) for future in futures]
-    together = small().expected(mass, world, ORIGIN_CELL, futures)
+    every = [small().expected(Scene(mass, world, ORIGIN_CELL, future[None])) for future in futures]
+    together = small().expected(Scene(mass, world, ORIGIN_CELL, futures))
     assert together == pytest.approx(np.mean(every, axis=0), abs=1e-6)
-    repeated = small().expected(mass, world, ORIGIN_CELL, futures[[0, 1, 0, 0]])
+    repeated = small().expected(Scene(mass, world, ORIGIN_CELL, futures[[0, 1, 0, 0]]))
     assert repeated == pytest.approx(0.75 * every[0] + 0.25 * every[1], abs=1e-6)
     with ThreadPoolExecutor(2) as pool:
-        assert (small().expected(mass, world, ORIGIN_CELL, futures, mapper=pool.map) == together).all()
-    beyond = small(beyond=0.0).expected(mass, World(world.hit[:, 24:40, 24:40]), ORIGIN_CELL, futures)
+        assert (small().expected(Scene(mass, world, ORIGIN_CELL, futures), mapper=pool.map) == together).all()
+    beyond = small(beyond=0.0).expected(Scene(mass, World(world.hit[:, 24:40, 24:40]), ORIGIN_CELL, futures))
     padded = np.zeros_like(world.hit)
     padded[:, 24:40, 24:40] = world.hit[:, 24:40, 24:40]
-    assert (beyond == small().expected(mass, World(padded), ORIGIN_CELL, futures)).all()
+    assert (beyond == small().expected(Scene(mass, World(padded), ORIGIN_CELL, futures))).all()
 
 
 def test_the_mean_of_samples_is_near_the_closed_form() -> None:
@@ -215,15 +217,15 @@ def test_the_mean_of_samples_is_near_the_closed_form() -> None:
     mass = random.dirichlet((1, 1, 3), (16, 16)).transpose(2, 0, 1)[:2].astype(np.float32)
     futures = np.repeat(still(3, 0.3, -0.2), 3000, axis=0)
     rollout = small()
-    closed = rollout.expected(mass, World(hit), ORIGIN_CELL, futures)
-    drawn = rollout.samples(mass, World(hit), ORIGIN_CELL, futures, random)
+    closed = rollout.expected(Scene(mass, World(hit), ORIGIN_CELL, futures))
+    drawn = rollout.samples(Scene(mass, World(hit), ORIGIN_CELL, futures), random)
     assert drawn.shape == (3000, 3, 16, 16)
     # Exact after one step, but for the largest of several rays: that of a mean is less than the mean of that.
     assert np.abs(drawn.mean(axis=0) - closed)[0].mean() < 0.01
     assert np.abs(drawn.mean(axis=0) - closed).mean() < 0.03
     assert drawn.std(axis=0).max() > 0.3
-    again = rollout.samples(mass, World(hit), ORIGIN_CELL, futures[:4], np.random.default_rng(5))
-    assert (again == rollout.samples(mass, World(hit), ORIGIN_CELL, futures[:4], np.random.default_rng(5))).all()
+    again = rollout.samples(Scene(mass, World(hit), ORIGIN_CELL, futures[:4]), np.random.default_rng(5))
+    assert (again == rollout.samples(Scene(mass, World(hit), ORIGIN_CELL, futures[:4]), np.random.default_rng(5))).all()
     assert (again[0] != again[1]).any()
 
 
@@ -242,7 +244,7 @@ def test_forecasts_are_probabilities_and_turn_with_the_world(scene: tuple[int, i
     rollout = Rollout((0.4, -0.3), 0.1, SMALL, (-0.4, 0.9, 0.3), remembered=float(random.random()))
     seen = random.random((1, 32, 32)).astype(np.float32)
     place = np.array([0.3, 0.1])
-    found = rollout.expected(mass, World(hit, seen, (0.3, 0.1), 2.0), ORIGIN_CELL, futures)
+    found = rollout.expected(Scene(mass, World(hit, seen, (0.3, 0.1), 2.0), ORIGIN_CELL, futures))
     assert ((found >= 0) & (found <= 1)).all()
     if turn.bit_count() % 2:
         rollout = rollout.mirrored()
@@ -251,7 +253,7 @@ def test_forecasts_are_probabilities_and_turn_with_the_world(scene: tuple[int, i
     centre = symmetry.turn_cell(ORIGIN_CELL, turn)
     turned = symmetry.turn_pose(futures, turn).astype(np.float64)
     offset = int(centre[0]), int(centre[1])
-    other = rollout.expected(symmetry.turn_grid(mass, turn), world, centre, turned, offset=offset)
+    other = rollout.expected(Scene(symmetry.turn_grid(mass, turn), world, centre, turned), offset=offset)
     # Rays to the middles of border cells are the same; a tie between two cells is broken another way.
     assert (np.abs(other - symmetry.turn_grid(found, turn)) > 1e-4).mean() < 0.01
 
@@ -267,16 +269,16 @@ def test_forecasts_are_probabilities_and_turn_with_the_world(scene: tuple[int, i
 )
 def test_what_cannot_be_measured_is_refused(future: FloatArray, size: int, message: str) -> None:
     with pytest.raises(UserError, match=message):
-        small().expected(NOTHING, hits({}, size), ORIGIN_CELL, future)
+        small().expected(Scene(NOTHING, hits({}, size), ORIGIN_CELL, future))
 
 
 def test_shapes_that_do_not_belong_together_are_refused() -> None:
     with pytest.raises(ValueError, match=r"\(K, N, 3\)"):
-        small().expected(NOTHING, hits({}), ORIGIN_CELL, still(1)[0])
+        small().expected(Scene(NOTHING, hits({}), ORIGIN_CELL, still(1)[0]))
     with pytest.raises(ValueError, match="masses"):
-        small().expected(NOTHING[:, :8], hits({}), ORIGIN_CELL, still(1))
+        small().expected(Scene(NOTHING[:, :8], hits({}), ORIGIN_CELL, still(1)))
     with pytest.raises(ValueError, match="contexts"):
-        small().expected(NOTHING, hits({}, horizons=2), ORIGIN_CELL, still(3))
+        small().expected(Scene(NOTHING, hits({}, horizons=2), ORIGIN_CELL, still(3)))
     with pytest.raises(UserError, match="sensor"):
         Rollout((3.0, 0.0), grid=SMALL)
 
@@ -284,6 +286,22 @@ def test_shapes_that_do_not_belong_together_are_refused() -> None:
 def test_the_body_lies_in_the_frame_of_the_sensor_that_is_turned_in_it() -> None:
     """A body 1 m ahead of the sensor; the sensor looks to the body's left, so its ahead is north."""
     turned = Rollout((0.0, 0.0), np.pi / 2, SMALL, (0.0, 1.0, 0.0))
-    found = turned.expected(NOTHING, hits({}), ORIGIN_CELL, still(1))[0]
+    found = turned.expected(Scene(NOTHING, hits({}), ORIGIN_CELL, still(1)))[0]
     assert found[8, 8 + 4] == found[8, 8 + 3] == pytest.approx(1.0)
     assert found[8 + 3, 8] == pytest.approx(SEEN_FREE)
+
+
+def test_weights_are_those_of_the_futures_at_each_horizon() -> None:
+    """Two futures, one of which counts three quarters at the first horizon and all at the second."""
+    futures = np.stack([still(2)[0], still(2, x=1.0)[0]])
+    weights = np.array([[0.75, 1.0], [0.25, 0.0]])
+    wall = hits({(4, j): 1.0 for j in range(-3, 4)}, 32)
+    each = [small().expected(Scene(NOTHING, wall, ORIGIN_CELL, futures[[k]])) for k in (0, 1)]
+    found = small().expected(Scene(NOTHING, wall, ORIGIN_CELL, futures, weights=weights))
+    np.testing.assert_allclose(found[0], 0.75 * each[0][0] + 0.25 * each[1][0], atol=1e-6)
+    np.testing.assert_allclose(found[1], each[0][1], atol=1e-6)
+    # Futures that are alike are rolled once, for what they weigh together.
+    twice = Scene(
+        NOTHING, wall, ORIGIN_CELL, futures[[0, 1, 0]], weights=np.array([[0.5, 0.6], [0.25, 0.0], [0.25, 0.4]])
+    )
+    np.testing.assert_allclose(small().expected(twice), found, atol=1e-6)

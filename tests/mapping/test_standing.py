@@ -8,7 +8,7 @@ from envpred.mapping.ego_motion import EgoMotion, ego_futures
 from envpred.mapping.evidence import accumulate, pignistic
 from envpred.mapping.geometry import FloatArray, GridSpec
 from envpred.mapping.label_grid import RayCasting
-from envpred.mapping.rollout import Rollout
+from envpred.mapping.rollout import Rollout, Scene
 from envpred.mapping.world import label_world
 
 JUDGED, CONTEXT = GridSpec(64), GridSpec(128)
@@ -52,8 +52,8 @@ def test_nothing_is_worse_than_the_last_frame_where_the_ego_stands(seed: int) ->
         futures = ego_futures(poses[seen], times, HORIZONS, 16, random, EgoMotion(), JUDGED.resolution)
         shown = labels[CONTEXT][seen], centres[seen], masses[CONTEXT][last]
         world = hit_rates.default().world(*shown, futures, poses[last], JUDGED.resolution, JUDGED.cells)
-        forecast = rollout.expected(masses[JUDGED][last], world, centre, futures)
-        alone = rollout.expected(masses[JUDGED][last], label_world(labels[CONTEXT][last]), centre, futures)
+        forecast = rollout.expected(Scene(masses[JUDGED][last], world, centre, futures))
+        alone = rollout.expected(Scene(masses[JUDGED][last], label_world(labels[CONTEXT][last]), centre, futures))
         target = probability[last + 1 : last + 1 + HORIZONS]
         for name, found in (("rollout", forecast), ("static", probability[last]), ("label", alone)):
             errors[name].append(((found - target) ** 2).mean(axis=(1, 2)))
