@@ -13,6 +13,7 @@ from envpred.errors import UserError
 from envpred.mapping.geometry import FREE, OCCUPIED, FloatArray
 from envpred.mapping.shift import shifted
 from envpred.models.rollout import RolloutForecaster, Window
+from envpred.models.samples import recentred
 from envpred.networks.correction import FACTOR, LEAST, Canvas, Correction
 from envpred.networks.muon import Muon
 
@@ -43,6 +44,7 @@ class CorrectedRolloutForecaster(RolloutForecaster):
         error: squared errors as they are, or their share of the static baseline's.
         lr: learning rate of Muon.
         max_epochs: epochs of training; the learning rate falls to 0 by their end.
+        samples: draw the rollout's samples beside their mean, moved to the corrected one.
     """
 
     role: ClassVar[Role] = "learned"
@@ -64,8 +66,9 @@ class CorrectedRolloutForecaster(RolloutForecaster):
         error: Literal["squared", "share"] = "share",
         lr: float = 0.07,
         max_epochs: int = 8,
+        samples: bool = False,
     ) -> None:
-        super().__init__(variant, given, futures, world, context=True, movers=movers, seed=seed)
+        super().__init__(variant, given, futures, world, context=True, movers=movers, samples=samples, seed=seed)
         self.save_hyperparameters()
         if width % 8 or width < 8:
             raise UserError(f"--model.width {width}: give a multiple of 8")
@@ -80,7 +83,9 @@ class CorrectedRolloutForecaster(RolloutForecaster):
         return int(self.hparams["horizons"])
 
     def forecast(self, seen: Seen, horizons: int) -> Forecast:
-        return Forecast(self._corrected(seen, horizons, torch.arange(horizons), TRUST_STANDING))
+        probability = self._corrected(seen, horizons, torch.arange(horizons), TRUST_STANDING)
+        drawn = super().forecast(seen, horizons).samples if self.hparams["samples"] else None
+        return Forecast(probability, samples=None if drawn is None else recentred(drawn, probability))
 
     def _corrected(self, seen: Seen, horizons: int, which: Tensor, standing: float = 1.0) -> Tensor:
         """Probabilities (B, len(which), H, W) at the horizons `which` (0 is the first) of `horizons` rolled out."""
