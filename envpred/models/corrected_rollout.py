@@ -12,6 +12,7 @@ from envpred.datamodules import Forecast, Role, Seen, WindowBatch
 from envpred.errors import UserError
 from envpred.mapping.geometry import FREE, OCCUPIED, FloatArray
 from envpred.mapping.shift import shifted
+from envpred.models.parts import Parts
 from envpred.models.rollout import RolloutForecaster, Window
 from envpred.models.samples import recentred
 from envpred.networks.correction import FACTOR, LEAST, Canvas, Correction
@@ -86,6 +87,9 @@ class CorrectedRolloutForecaster(RolloutForecaster):
         probability = self._corrected(seen, horizons, torch.arange(horizons), TRUST_STANDING)
         drawn = super().forecast(seen, horizons).samples if self.hparams["samples"] else None
         return Forecast(probability, samples=None if drawn is None else recentred(drawn, probability))
+
+    def parts(self, seen: Seen, horizons: int) -> Parts:
+        return super().parts(seen, horizons)._replace(corrected=self.forecast(seen, horizons).probability)
 
     def _corrected(self, seen: Seen, horizons: int, which: Tensor, standing: float = 1.0) -> Tensor:
         """Probabilities (B, len(which), H, W) at the horizons `which` (0 is the first) of `horizons` rolled out."""

@@ -144,7 +144,8 @@ class Forecaster(LightningModule):
                 f"cells) = {asked} was asked for; mend its `forecast`, or say how far it goes by `reachable`"
             )
         if forecast.samples is not None and forecast.samples[:, :1].shape != (windows, 1, *asked[1:]):
-            raise UserError(f"{type(self).__name__} drew samples {tuple(forecast.samples.shape)} of forecasts {asked}")
+            drawn, wanted = tuple(forecast.samples.shape), (windows, "K", *asked[1:])
+            raise UserError(f"{type(self).__name__} drew samples {drawn}, not {wanted}; mend its `forecast`")
         return forecast
 
     def see(self, mapper: Mapper, mapped: Sequence[Mapped]) -> Seen:

@@ -20,6 +20,7 @@ from envpred.mapping.movers import Movers, Moving
 from envpred.mapping.rollout import Rollout
 from envpred.mapping.world import World, label_world
 from envpred.models.forecaster import Forecaster
+from envpred.models.parts import Parts, hide_unseen, whole_world
 
 Window = Mapping[str, NDArray[np.generic]]  # what is seen of one window, as arrays
 # Masses, world, centre cell, futures, movers and their draws: what `Rollout.expected` takes.
@@ -81,6 +82,23 @@ class RolloutForecaster(Forecaster):
         probability = torch.from_numpy(np.stack([mean for mean, _ in found])).to(device)
         drawn = [samples for _, samples in found if samples is not None]
         return Forecast(probability, samples=torch.from_numpy(np.stack(drawn)).to(device) if drawn else None)
+
+    def parts(self, seen: Seen, horizons: int) -> Parts:
+        """What the forecast is made of."""
+        worlds, rendered = [], []
+        with ThreadPoolExecutor(max(1, torch.get_num_threads())) as pool:
+            for window in (self._window(seen, b) for b in range(len(seen["pose"]))):
+                futures, offset = self.ego(window, horizons), self.offset(window)
+                scene, _ = self._scene(window, futures)
+                rendered.append(self._sensor(window).expected(*scene, pool.map, offset))
+                mass, world, centre, _, movers, _ = scene
+                cells, half = self._context(window)[0].shape[-1], mass.shape[-1] // 2
+                times = horizons, float(window["period"]), float(window["resolution"])
+                worlds.append(whole_world(world, movers, centre, cells, times))
+                places = np.floor(futures[..., :2] + 0.5).astype(np.int64) + offset - centre + cells // 2
+                hide_unseen(worlds[-1], places.min(axis=0) - half, places.max(axis=0) + half)
+        device = seen["pose"].device
+        return Parts(*(torch.from_numpy(np.stack(grids)).to(device) for grids in (worlds, rendered)))
 
     def ego(self, window: Window, horizons: int) -> FloatArray:
         """Futures (K, horizons, 3) of the ego: x and y in cells of the lattice, heading in radians."""
