@@ -19,10 +19,11 @@ from torch.utils.tensorboard import SummaryWriter
 from envpred.callbacks.results import result_writer
 from envpred.datamodules import Forecast, WindowBatch
 from envpred.mapping.dogma import VELOCITY_SCALE
-from envpred.models import Forecaster
+from envpred.models import Forecaster, RolloutForecaster
 from envpred.pictures.animations import scene_animation
 from envpred.pictures.forecasts import forecast_strip, scene_strip
 from envpred.pictures.grids import save
+from envpred.pictures.rollouts import rollout_strip
 from envpred.pictures.velocities import velocity_strip
 from envpred.results.scenes import Scene, write_scenes
 
@@ -75,9 +76,8 @@ class Pictures(Callback):
             scene = drawn.scene
             title = f"{scene.where}, epoch {trainer.current_epoch}"
             logger.experiment.add_figure(f"window_{place}/forecast", forecast_strip(scene, title), step)
-            velocities = _velocities(pl_module, drawn, title)
-            if velocities is not None:
-                logger.experiment.add_figure(f"window_{place}/velocity", velocities, step)
+            for kind, picture in _more(pl_module, drawn, title).items():
+                logger.experiment.add_figure(f"window_{place}/{kind}", picture, step)
             if place == 0:
                 beside = replace(scene, forecasts=scene.forecasts | {"last frame": scene.static})
                 logger.experiment.add_figure("window_0/comparison", scene_strip(beside, title=title), step)
@@ -92,11 +92,10 @@ class Pictures(Callback):
         names: dict[str, str] = {}
         found = self._drawn(pl_module, "test")
         for place, drawn in enumerate(found.values()):
-            pictures = {"errors": forecast_strip(drawn.scene), "velocity": _velocities(pl_module, drawn)}
+            pictures = {"errors": forecast_strip(drawn.scene)} | _more(pl_module, drawn)
             for kind, picture in pictures.items():
-                if picture is not None:
-                    names[f"window_{place}_{kind}"] = f"pictures/window_{place}_{kind}.png"
-                    save(picture, folder / names[f"window_{place}_{kind}"])
+                names[f"window_{place}_{kind}"] = f"pictures/window_{place}_{kind}.png"
+                save(picture, folder / names[f"window_{place}_{kind}"])
             names[f"window_{place}_animation"] = f"pictures/window_{place}.gif"
             (folder / f"pictures/window_{place}.gif").write_bytes(scene_animation(drawn.scene))
         write_scenes(folder / DRAWN, {index: drawn.scene for index, drawn in found.items()})
@@ -156,6 +155,23 @@ def _forecast(model: Forecaster, part: str, index: int) -> Drawn:
         oracles=frozenset({FORECAST} if model.role == "oracle" else ()),
     )
     return Drawn(scene, batch, forecast)
+
+
+def _more(model: Forecaster, drawn: Drawn, title: str = "") -> dict[str, Figure]:
+    """Pictures of a window that only some forecasters have, by their kind."""
+    pictures = {"velocity": _velocities(model, drawn, title), "rollout": _parts(model, drawn, title)}
+    return {kind: picture for kind, picture in pictures.items() if picture is not None}
+
+
+def _parts(model: Forecaster, drawn: Drawn, title: str = "") -> Figure | None:
+    """What the forecast of a window is made of; None of a forecaster that rolls out no world."""
+    if not isinstance(model, RolloutForecaster):
+        return None
+    with torch.no_grad():
+        found = model.parts(drawn.batch["seen"], model.dataset.horizons)
+    world, rendered = (part[0].float().cpu().numpy() for part in found[:2])
+    corrected = None if found.corrected is None else found.corrected[0].float().cpu().numpy()
+    return rollout_strip(drawn.scene, world, rendered, corrected, title or None)
 
 
 def _velocities(model: Forecaster, drawn: Drawn, title: str = "") -> Figure | None:

@@ -5,26 +5,37 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from envpred.metrics.cells import KINDS, key_of, kinds_of
 from envpred.metrics.outcome import outcome
-from envpred.metrics.windows import PerHorizon, WindowMetric, summarise, without_nan
+from envpred.metrics.windows import Judged, PerHorizon, WindowMetric, summarise, without_nan
 
 PARTS = 3  # of a bin: number of cells, sum of their forecasts, number of them occupied
 
 
-def reliability_bins(forecast: Tensor, target: Tensor, bins: int = 10) -> Tensor:
+def reliability_bins(forecast: Tensor, target: Tensor, bins: int = 10, cells: Tensor | None = None) -> Tensor:
     """Number of known cells, sum of their forecasts and number of occupied ones per bin: (B, N, 3, bins).
 
-    `forecast` and `target` (B, N, H, W); bin k holds forecasts in [k/bins, (k+1)/bins), the last one 1 as well.
+    `forecast` and `target` (B, N, H, W); bin k holds forecasts in [k/bins, (k+1)/bins), the last one 1 as well.  With
+    kinds of `cells` (kinds, B, N, H, W), which may overlap: (kinds, B, N, 3, bins).
     """
-    pairs = forecast.shape[:2].numel()
+    kinds = 0 if cells is None else len(cells)
+    pairs, sets = forecast.shape[:2].numel(), 2**kinds
     place = (forecast * bins).int().clamp_(0, bins - 1)
-    # One histogram of all grids at once: [grid, outcome, bin]; the outcome "no evidence" is dropped.
-    grid = torch.arange(pairs, dtype=torch.int32, device=forecast.device).view(*forecast.shape[:2], 1, 1)
+    # One histogram of all grids at once: [grid, kinds that a cell is of, outcome, bin]; "no evidence" is dropped.
+    grid = torch.arange(pairs, dtype=torch.int32, device=forecast.device).view(*forecast.shape[:2], 1, 1) * sets
+    for n in range(kinds):
+        assert cells is not None
+        grid = grid + cells[n].int() * 2**n
     place = ((grid * 3 + outcome(target)) * bins + place).flatten()
-    shape = (*forecast.shape[:2], 3, bins)
-    free, full, _ = torch.bincount(place, minlength=pairs * 3 * bins).view(shape).unbind(2)
-    sums = torch.bincount(place, forecast.double().flatten(), minlength=pairs * 3 * bins).view(shape)
-    return torch.stack([free + full, sums[:, :, :2].sum(2), full], dim=2).float()
+    shape = (*forecast.shape[:2], sets, 3, bins)
+    size = pairs * sets * 3 * bins
+    free, full, _ = torch.bincount(place, minlength=size).view(shape).unbind(3)
+    sums = torch.bincount(place, forecast.double().flatten(), minlength=size).view(shape)
+    found = torch.stack([free + full, sums[:, :, :, :2].sum(3), full], dim=3)
+    if cells is None:
+        return found[:, :, 0].float()
+    of = [[k for k in range(sets) if k >> n & 1] for n in range(kinds)]
+    return torch.stack([found[:, :, members].sum(2) for members in of]).float()
 
 
 def expected_calibration_error(parts: Tensor) -> Tensor:
@@ -58,8 +69,9 @@ class Reliability:
 class Calibration(WindowMetric):
     """Expected calibration error (`ece`, of each window) and reliability diagram (`reliability`, of all), per horizon.
 
-    Over cells whose target has evidence.  The error of one window is above that of all windows together, since errors
-    of opposite sign no longer cancel.
+    Over cells whose target has evidence, and the error over those of each kind as well (`ece_entering_cells`, see
+    `envpred.metrics.cells`).  The error of one window is above that of all windows together, since errors of opposite
+    sign no longer cancel.
 
     >>> import torch
     >>> metric = Calibration(horizons=1)
@@ -71,6 +83,7 @@ class Calibration(WindowMetric):
     title = "Calibration error"
     direction = "lower"
     higher_is_better = False
+    needs_cells = True
 
     def __init__(self, horizons: int = 15, bins: int = 10, **kwargs: Any) -> None:
         super().__init__(horizons, **kwargs)
@@ -78,18 +91,29 @@ class Calibration(WindowMetric):
 
     @property
     def outputs(self) -> tuple[str, ...]:
-        return ("ece", "reliability")
+        return ("ece", "reliability", *(key_of("ece", kind) for kind in KINDS))
 
     @property
     def width(self) -> int:
-        return self.horizons * PARTS * self.bins
+        return (1 + len(KINDS)) * self.horizons * PARTS * self.bins
 
     def measure(self, forecast: Tensor, target: Tensor, last: Tensor) -> Tensor:
-        return reliability_bins(forecast, target, self.bins).flatten(1)
+        return self.judge(Judged(forecast, target, last))
+
+    def judge(self, judged: Judged) -> Tensor:
+        every = torch.ones_like(judged.target, dtype=torch.bool)[None]
+        kinds = torch.cat([every, kinds_of(judged)])
+        return reliability_bins(judged.forecast, judged.target, self.bins, kinds).transpose(0, 1).flatten(1)
 
     def compute(self) -> dict[str, PerHorizon | Reliability]:
         """Over all windows seen in all processes."""
         index, values = self.rows()
-        parts = values.view(-1, self.horizons, PARTS, self.bins).double()
-        ece = summarise(expected_calibration_error(parts), index, self.about, skip_undefined=True)
-        return {"ece": ece, "reliability": Reliability(parts.sum(0))}
+        every, *kinds = values.view(-1, 1 + len(KINDS), self.horizons, PARTS, self.bins).double().unbind(1)
+        found: dict[str, PerHorizon | Reliability] = {
+            "ece": summarise(expected_calibration_error(every), index, self.about, skip_undefined=True),
+            "reliability": Reliability(every.sum(0)),
+        }
+        for kind, parts in zip(KINDS, kinds, strict=True):
+            about = self.about._replace(title=f"{self.title}, {kind} cells")
+            found[key_of("ece", kind)] = summarise(expected_calibration_error(parts), index, about, skip_undefined=True)
+        return found

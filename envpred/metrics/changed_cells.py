@@ -1,12 +1,13 @@
-"""Squared error where the scene changes and where it does not."""
+"""Squared error where the scene changes and where it does not, where something moves, and where the view is new."""
 
 from abc import abstractmethod
 from typing import Any, Literal
 
+import torch
 from torch import Tensor
 
 from envpred.metrics.outcome import occupied
-from envpred.metrics.windows import HorizonMetric
+from envpred.metrics.windows import HorizonMetric, Judged
 
 Normalise = Literal["masked", "all"]
 
@@ -14,6 +15,11 @@ Normalise = Literal["masked", "all"]
 def changed(target: Tensor, last: Tensor) -> Tensor:
     """Dynamic cells (B, N, H, W): occupied in one and not in the other of `target` (B, N, H, W), `last` (B, H, W)."""
     return occupied(target) != occupied(last)[:, None]
+
+
+def told(cells: Tensor | None, target: Tensor) -> Tensor:
+    """`cells`, or none of a grid if it is not told which."""
+    return torch.zeros_like(target, dtype=torch.bool) if cells is None else cells
 
 
 def masked_mse(forecast: Tensor, target: Tensor, mask: Tensor, normalise: Normalise = "masked") -> Tensor:
@@ -32,7 +38,6 @@ class _MaskedMSE(HorizonMetric):
     factor = 1e3
     direction = "lower"
     higher_is_better = False
-    needs_last = True
     skip_undefined = True
 
     def __init__(self, horizons: int = 15, normalise: Normalise = "masked", **kwargs: Any) -> None:
@@ -42,11 +47,14 @@ class _MaskedMSE(HorizonMetric):
         self.normalise = normalise
 
     @abstractmethod
-    def mask(self, target: Tensor, last: Tensor) -> Tensor:
+    def cells(self, judged: Judged) -> Tensor:
         """Cells (B, N, H, W) that count."""
 
     def measure(self, forecast: Tensor, target: Tensor, last: Tensor) -> Tensor:
-        return masked_mse(forecast, target, self.mask(target, last), self.normalise)
+        return self.judge(Judged(forecast, target, last))
+
+    def judge(self, judged: Judged) -> Tensor:
+        return masked_mse(judged.forecast, judged.target, self.cells(judged), self.normalise)
 
 
 class DynamicMSE(_MaskedMSE):
@@ -65,9 +73,10 @@ class DynamicMSE(_MaskedMSE):
 
     name = "mse_dynamic_cells"
     title = "MSE, dynamic cells"
+    needs_last = True
 
-    def mask(self, target: Tensor, last: Tensor) -> Tensor:
-        return changed(target, last)
+    def cells(self, judged: Judged) -> Tensor:
+        return changed(judged.target, judged.last)
 
 
 class StaticMSE(_MaskedMSE):
@@ -83,6 +92,45 @@ class StaticMSE(_MaskedMSE):
 
     name = "mse_static_cells"
     title = "MSE, static cells"
+    needs_last = True
 
-    def mask(self, target: Tensor, last: Tensor) -> Tensor:
-        return ~changed(target, last)
+    def cells(self, judged: Judged) -> Tensor:
+        return ~changed(judged.target, judged.last)
+
+
+class MovingMSE(_MaskedMSE):
+    """Mean squared error over the cells around what moves, as `update` is told them; undefined where it is not.
+
+    >>> import torch
+    >>> target = torch.tensor([[[[1.0, 0.0], [0.0, 0.0]]]])
+    >>> metric = MovingMSE(horizons=1)
+    >>> metric.update(torch.full_like(target, 0.5), target, moving=target > 0)
+    >>> metric.compute().mean.item()
+    0.25
+    """
+
+    name = "mse_moving_cells"
+    title = "MSE, moving cells"
+    needs_cells = True
+
+    def cells(self, judged: Judged) -> Tensor:
+        return told(judged.moving, judged.target)
+
+
+class EnteringMSE(_MaskedMSE):
+    """Mean squared error over the cells that the last grid shown does not cover, as `update` is told them.
+
+    >>> import torch
+    >>> target = torch.tensor([[[[1.0, 0.0], [0.0, 0.0]]]])
+    >>> metric = EnteringMSE(horizons=1)
+    >>> metric.update(torch.full_like(target, 0.5), target, entering=target == 0)
+    >>> metric.compute().mean.item()
+    0.25
+    """
+
+    name = "mse_entering_cells"
+    title = "MSE, entering cells"
+    needs_cells = True
+
+    def cells(self, judged: Judged) -> Tensor:
+        return told(judged.entering, judged.target)

@@ -5,15 +5,18 @@ from collections.abc import Callable, Sequence
 from torchmetrics import MetricCollection
 
 from envpred.errors import UserError
+from envpred.metrics.best_of_k import BestOfK
 from envpred.metrics.brier import Brier
 from envpred.metrics.calibration import Calibration
-from envpred.metrics.changed_cells import DynamicMSE, StaticMSE
+from envpred.metrics.changed_cells import DynamicMSE, EnteringMSE, MovingMSE, StaticMSE
+from envpred.metrics.crps import CRPS
 from envpred.metrics.horizon_mse import HorizonMSE
 from envpred.metrics.image_similarity import Empty, ImageSimilarity
 from envpred.metrics.motion_ratio import MotionRatio
 from envpred.metrics.overlap import IoU, Precision, Recall
 from envpred.metrics.roc_auc import RocAuc
 from envpred.metrics.skill import StaticSkill
+from envpred.metrics.spread_skill import SpreadSkill
 from envpred.metrics.windows import WindowMetric
 
 STATIC_MSE = "static_mse"  # beside them in a result: the static baseline's `mse` on the same windows
@@ -24,9 +27,13 @@ def forecast_metrics(
 ) -> MetricCollection:
     """All metrics of forecasts at `horizons` steps, to be updated with (forecast, target, last, index).
 
-    `compute()` gives a dict: `mse`, `mse_dynamic_cells`, `mse_static_cells`, `iou`, `precision`, `recall`, `roc_auc`,
-    `brier`, `motion_ratio`, `image_similarity` and its three classes, `ece` are `PerHorizon`; `skill` (against the
-    static baseline) and `reliability` have types of their own; all have `as_json()`.
+    By keyword also with `samples`, `moving` and `entering`, see `Judged`.
+
+    `compute()` gives a dict: `mse`, `mse_dynamic_cells`, `mse_static_cells`, `mse_moving_cells`, `mse_entering_cells`,
+    `iou`, `precision`, `recall`, `roc_auc`, `motion_ratio`, `image_similarity` and its three classes are `PerHorizon`,
+    as are `brier`, `ece`, `crps`, `mse_best_of_k` and these over each kind of cells (`brier_moving_cells`); `skill`
+    (against the static baseline), `spread_skill` and its kinds are a `Ratio`, `reliability` has a type of its own; all
+    have `as_json()`.
 
     Args:
         horizons: steps that are forecast.
@@ -40,6 +47,8 @@ def forecast_metrics(
         HorizonMSE(horizons),
         DynamicMSE(horizons),
         StaticMSE(horizons),
+        MovingMSE(horizons),
+        EnteringMSE(horizons),
         StaticSkill(horizons),
         ImageSimilarity(horizons, empty),
         IoU(horizons),
@@ -49,6 +58,9 @@ def forecast_metrics(
         Brier(horizons),
         Calibration(horizons),
         MotionRatio(horizons),
+        CRPS(horizons),
+        SpreadSkill(horizons),
+        BestOfK(horizons),
     ]
     chosen: dict[str, WindowMetric] = {}
     owner = {STATIC_MSE: "the static baseline's MSE"}

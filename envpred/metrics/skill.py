@@ -1,33 +1,17 @@
 """Skill: how much of a reference's error a forecast avoids, on the same windows."""
 
-from typing import Any
-
 import torch
 from torch import Tensor
 
 from envpred.metrics.about import About
 from envpred.metrics.horizon_mse import horizon_mse
-from envpred.metrics.windows import PerHorizon, WindowMetric, without_nan
+from envpred.metrics.ratios import Ratio, ratio_of_means
+from envpred.metrics.windows import PerHorizon, WindowMetric
 
 ABOUT = About("Skill", "", 3, 1.0, "higher")
 
 
-class Skill:
-    """`value` (N,) = 1 - MSE / MSE of the reference, and its `standard_error` (N,); `about` says how it is written."""
-
-    def __init__(self, value: Tensor, standard_error: Tensor, about: About = ABOUT) -> None:
-        self.value, self.standard_error, self.about = value, standard_error, about
-
-    def as_json(self) -> dict[str, Any]:
-        """Lists for a result file, None where a value is undefined, and how they are written."""
-        return {
-            **self.about._asdict(),
-            "mean": without_nan(self.value.tolist()),
-            "standard_error": without_nan(self.standard_error.tolist()),
-        }
-
-
-def skill(mse: Tensor, reference: Tensor, about: About = ABOUT) -> Skill:
+def skill(mse: Tensor, reference: Tensor, about: About = ABOUT) -> Ratio:
     """Skill of per-window errors `mse` (W, N) against the `reference`'s (W, N) on the same windows, row by row.
 
     1 - mean(mse) / mean(reference): 1 is perfect, 0 no better, below 0 worse (the mean squared error skill score,
@@ -36,16 +20,11 @@ def skill(mse: Tensor, reference: Tensor, about: About = ABOUT) -> Skill:
     """
     if mse.shape != reference.shape or mse.ndim != 2:
         raise ValueError(f"mse {tuple(mse.shape)} and reference {tuple(reference.shape)} must both be (W, N)")
-    mse, reference = mse.double(), reference.double()
-    scale = reference.mean(0)
-    ratio = mse.mean(0) / scale
-    residual = mse - ratio * reference  # its mean over windows is 0
-    n = len(mse)
-    error = (residual.square().sum(0) / torch.tensor(float(n - 1)) / n).sqrt() / scale
-    return Skill(1 - ratio, error, about)
+    ratio, error = ratio_of_means(mse, reference)
+    return Ratio(1 - ratio, error, about)
 
 
-def skill_against(result: PerHorizon, reference: PerHorizon) -> Skill:
+def skill_against(result: PerHorizon, reference: PerHorizon) -> Ratio:
     """Skill of one run's MSE against another's; a ValueError unless both saw the very same windows."""
     if not torch.equal(result.index, reference.index):
         raise ValueError("skill compares errors on the same windows, but the two results saw different ones")
@@ -75,7 +54,7 @@ class StaticSkill(WindowMetric):
     def measure(self, forecast: Tensor, target: Tensor, last: Tensor) -> Tensor:
         return torch.cat([horizon_mse(forecast, target), horizon_mse(last[:, None], target)], dim=1)
 
-    def compute(self) -> Skill:
+    def compute(self) -> Ratio:
         """Skill over all windows seen in all processes."""
         _, values = self.rows()
         return skill(values[:, : self.horizons], values[:, self.horizons :], self.about)

@@ -3,7 +3,7 @@
 import re
 from abc import abstractmethod
 from math import isfinite
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import torch
 from torch import Tensor
@@ -13,6 +13,26 @@ from envpred.metrics.about import About, Direction
 
 ANONYMOUS = -1  # the index of a window that has none: never taken for a duplicate
 LARGEST_INDEX = 2**24  # float32, the type of the state, holds whole numbers exactly up to here
+
+
+class Judged(NamedTuple):
+    """All that a metric may look at of a batch, in float32 and bool.
+
+    Args:
+        forecast: (B, N, H, W) probability of occupied.
+        target: (B, N, H, W).
+        last: (B, H, W) the last grid shown; NaN where it is not told.
+        samples: (B, K, N, H, W) equally likely futures, of a forecaster that draws some.
+        moving: (B, N, H, W) cells around what moves, where that is told.
+        entering: (B, N, H, W) cells that the last grid shown does not cover, likewise.
+    """
+
+    forecast: Tensor
+    target: Tensor
+    last: Tensor
+    samples: Tensor | None = None
+    moving: Tensor | None = None
+    entering: Tensor | None = None
 
 
 class PerHorizon:
@@ -61,18 +81,21 @@ class WindowMetric(Metric):
     """Base of the metrics: `measure` gives `width` numbers a window, which are all that is kept.
 
     `update(forecast (B, N, H, W), target (B, N, H, W), last (B, H, W) | None, index (B,) | None)` takes probabilities
-    of occupied; `last` is the last grid shown.  `index` is the window's place in the test set: a distributed sampler
-    pads with windows it has already given, and `rows` drops them by it.  Memory: 4 * (width + 1) bytes a window.
+    of occupied; `last` is the last grid shown, and what else is told is in `Judged`, for metrics that override `judge`.
+    `index` is the window's place in the test set: a distributed sampler pads with windows it has already given, and
+    `rows` drops them by it.  Memory: 4 * (width + 1) bytes a window.
 
     What stands on the class: `name`, the key in a result (by default that of the class: `FalseAlarms` ->
     `false_alarms`), `title` (by default the class's name), `unit`, `digits`, `factor` and `direction` as in `About`;
-    torchmetrics' `higher_is_better`, which must agree with `direction` (None for a number); `needs_last`.
+    torchmetrics' `higher_is_better`, which must agree with `direction` (None for a number); `needs_last`; `needs_cells`
+    if it wants the kinds of cells.
     """
 
     full_state_update = False
     is_differentiable = False
     higher_is_better: bool | None = False
     needs_last = False
+    needs_cells = False
     name: ClassVar[str]
     title: ClassVar[str]
     unit: ClassVar[str] = ""
@@ -120,7 +143,20 @@ class WindowMetric(Metric):
     def measure(self, forecast: Tensor, target: Tensor, last: Tensor) -> Tensor:
         """(B, width) of `forecast` and `target` (B, N, H, W) and `last` (B, H, W), all float32."""
 
-    def update(self, forecast: Tensor, target: Tensor, last: Tensor | None = None, index: Tensor | None = None) -> None:
+    def judge(self, judged: Judged) -> Tensor:
+        """(B, width) of all that is told of a batch; by default what `measure` says."""
+        return self.measure(judged.forecast, judged.target, judged.last)
+
+    def update(
+        self,
+        forecast: Tensor,
+        target: Tensor,
+        last: Tensor | None = None,
+        index: Tensor | None = None,
+        samples: Tensor | None = None,
+        moving: Tensor | None = None,
+        entering: Tensor | None = None,
+    ) -> None:
         """Measure a batch of windows; see the class."""
         if forecast.shape != target.shape or forecast.ndim != 4 or forecast.shape[1] != self.horizons:
             raise ValueError(
@@ -131,14 +167,21 @@ class WindowMetric(Metric):
         if last is None:
             if self.needs_last:
                 raise ValueError(f"{type(self).__name__} needs `last`, the last grid shown")
-            last = target.new_empty((windows, height, width))
+            last = target.new_full((windows, height, width), float("nan"))
         elif last.shape != (windows, height, width):
             raise ValueError(f"last {tuple(last.shape)} must be {(windows, height, width)}")
         if index is None:
             index = torch.full((windows,), ANONYMOUS, device=forecast.device)
         elif index.shape != (windows,) or (index >= LARGEST_INDEX).any():
             raise ValueError(f"index {tuple(index.shape)} must be ({windows},) and below {LARGEST_INDEX}")
-        measured = self.measure(forecast.detach().float(), target.detach().float(), last.detach().float())
+        if samples is not None and (samples.ndim != 5 or (samples[:, 0].shape != forecast.shape)):
+            raise ValueError(f"samples {tuple(samples.shape)} must be (B, K, N, H, W) of forecasts {forecast.shape}")
+        for name, cells in (("moving", moving), ("entering", entering)):
+            if cells is not None and (cells.shape != forecast.shape or cells.dtype != torch.bool):
+                raise ValueError(f"{name} {tuple(cells.shape)} must be bool {tuple(forecast.shape)}")
+        forecast, target, last = (grid.detach().float() for grid in (forecast, target, last))
+        drawn = None if samples is None else samples.detach().float()
+        measured = self.judge(Judged(forecast, target, last, drawn, moving, entering))
         rows = torch.cat([index.to(measured.device, torch.float32)[:, None], measured.float()], dim=1)
         assert isinstance(self.rows_state, list)
         self.rows_state.append(rows.flatten())

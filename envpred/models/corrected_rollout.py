@@ -13,8 +13,11 @@ from torch import Tensor
 from envpred.datamodules import Forecast, Role, Seen, WindowBatch
 from envpred.errors import UserError
 from envpred.mapping.geometry import FREE, OCCUPIED, FloatArray
+from envpred.mapping.rollout import Scene
 from envpred.mapping.shift import shifted
+from envpred.models.parts import Parts
 from envpred.models.rollout import RolloutForecaster, Window
+from envpred.models.samples import recentred
 from envpred.networks.correction import FACTOR, LEAST, Canvas, Correction, WorldCorrection
 from envpred.networks.muon import Muon
 
@@ -46,6 +49,7 @@ class CorrectedRolloutForecaster(RolloutForecaster):
         error: squared errors as they are, or their share of the static baseline's.
         lr: learning rate of Muon.
         max_epochs: epochs of training; the learning rate falls to 0 by their end.
+        samples: draw the rollout's samples beside their mean, moved to the corrected one.
     """
 
     role: ClassVar[Role] = "learned"
@@ -68,8 +72,9 @@ class CorrectedRolloutForecaster(RolloutForecaster):
         error: Literal["squared", "share"] = "share",
         lr: float = 0.07,
         max_epochs: int = 8,
+        samples: bool = False,
     ) -> None:
-        super().__init__(variant, given, futures, world, context=True, movers=movers, seed=seed)
+        super().__init__(variant, given, futures, world, context=True, movers=movers, samples=samples, seed=seed)
         self.save_hyperparameters()
         if width % 8 or width < 8:
             raise UserError(f"--model.width {width}: give a multiple of 8")
@@ -85,7 +90,21 @@ class CorrectedRolloutForecaster(RolloutForecaster):
         return int(self.hparams["horizons"])
 
     def forecast(self, seen: Seen, horizons: int) -> Forecast:
-        return Forecast(self._corrected(seen, horizons, torch.arange(horizons), TRUST_STANDING))
+        if self.hparams["corrects"] == "world":
+            return super().forecast(seen, horizons)
+        probability = self._corrected(seen, horizons, torch.arange(horizons), TRUST_STANDING)
+        drawn = super().forecast(seen, horizons).samples if self.hparams["samples"] else None
+        return Forecast(probability, samples=None if drawn is None else recentred(drawn, probability))
+
+    def parts(self, seen: Seen, horizons: int) -> Parts:
+        return super().parts(seen, horizons)._replace(corrected=self.forecast(seen, horizons).probability)
+
+    def _believed(self, scene: Scene, window: Window) -> Scene:
+        if self.hparams["corrects"] != "world":
+            return scene
+        with torch.no_grad():
+            hit = self._corrected_hit(window, scene, TRUST_STANDING)
+        return scene._replace(world=replace(scene.world, hit=hit.cpu().numpy()))
 
     def _corrected(self, seen: Seen, horizons: int, which: Tensor, standing: float = 1.0) -> Tensor:
         """Probabilities (B, len(which), H, W) at the horizons `which` (0 is the first) of `horizons` rolled out."""
@@ -98,12 +117,10 @@ class CorrectedRolloutForecaster(RolloutForecaster):
     ) -> Tensor:
         """The forecast of one window; `standing` is the share of the correction that counts while the ego stands."""
         futures = self.ego(window, horizons)
-        mean = futures.mean(axis=0)[which, :2]
-        moved = np.hypot(*(mean - np.asarray(window["pose"][-1], np.float64)[:2]).T).max(initial=0)
-        trust = 1 - (1 - standing) * float(np.clip(1.5 - moved, 0, 1))  # cells; who moves by half a cell still stands
-        if self.hparams["corrects"] == "world":
-            return self._correct_world(window, futures, trust, pool)[which]
         scene, _ = self._scene(window, futures)
+        if self.hparams["corrects"] == "world":
+            return self._render(window, scene, self._corrected_hit(window, scene, standing), pool)[which]
+        trust, mean = _trust(window, futures[:, which], standing), futures.mean(axis=0)[which, :2]
         offset = self.offset(window)
         rendered = self._sensor(window).rendered(scene, pool.map, offset)[which]
         # Where the grid of the mean future lies, beside that of the last frame shown.
@@ -123,26 +140,30 @@ class CorrectedRolloutForecaster(RolloutForecaster):
         rolled = torch.from_numpy(0.5 + 0.5 * (rendered[:, 0] - rendered[:, 1])).to(device)
         return corrected.lerp(rolled, 1 - trust) if trust < 1 else corrected
 
-    def _correct_world(self, window: Window, futures: FloatArray, trust: float, pool: ThreadPoolExecutor) -> Tensor:
-        """The forecast (N, H, W) of a corrected world."""
-        scene, _ = self._scene(window, futures)
-        world = scene.world
+    def _corrected_hit(self, window: Window, scene: Scene, standing: float) -> Tensor:
+        """Probabilities of a hit (N, I, J) in the part of the context that the scene's world is."""
+        world, futures = scene.world, scene.futures
         low = np.array(world.first)
         canvas, corner = self._canvas(window, low, low + np.array(world.hit.shape[1:]))
-        first = (low - corner).tolist()
         hit = torch.from_numpy(world.hit).expand(futures.shape[1], -1, -1).to(self.device)
-        there = self.network(canvas.channels.to(self.device), hit, first, trust).float()
+        i, j = (low - corner).tolist()
+        trust = _trust(window, futures, standing)
+        corrected: Tensor = self.network(canvas.channels.to(self.device), hit, (i, j), trust).float()
+        return corrected
+
+    def _render(self, window: Window, scene: Scene, hit: Tensor, pool: ThreadPoolExecutor) -> Tensor:
+        """The forecast (N, H, W) of a world of these hits, through which gradients go."""
         sensor, offset = self._sensor(window), self.offset(window)
 
         def render(hit: NDArray[np.float32]) -> NDArray[np.float32]:
-            return sensor.expected(scene._replace(world=replace(world, hit=hit)), pool.map, offset)
+            return sensor.expected(scene._replace(world=replace(scene.world, hit=hit)), pool.map, offset)
 
         def back(by: NDArray[np.float32], hit: NDArray[np.float32]) -> NDArray[np.float32]:
-            corrected = scene._replace(world=replace(world, hit=hit))
+            corrected = scene._replace(world=replace(scene.world, hit=hit))
             with ThreadPoolExecutor(max(1, torch.get_num_threads())) as again:  # the forecast's own is closed by now
                 return sensor.gradient(by[:, None], corrected, again.map, offset)
 
-        rendered: Tensor = Rendering.apply(there, render, back)  # type: ignore[no-untyped-call]
+        rendered: Tensor = Rendering.apply(hit, render, back)  # type: ignore[no-untyped-call]
         return rendered
 
     def _canvas(
@@ -201,6 +222,13 @@ class CorrectedRolloutForecaster(RolloutForecaster):
             optimizer, lambda k: min(1.0, (k + 1) / 50) * 0.5 * (1 + float(np.cos(np.pi * min(k / steps, 1.0))))
         )
         return {"optimizer": optimizer, "lr_scheduler": {"scheduler": schedule, "interval": "step"}}
+
+
+def _trust(window: Window, futures: FloatArray, standing: float) -> float:
+    """How much of a correction counts: all where the ego moves on, the share `standing` where it stands."""
+    away = futures.mean(axis=0)[:, :2] - np.asarray(window["pose"][-1], np.float64)[:2]
+    moved = float(np.hypot(*away.T).max(initial=0))
+    return 1 - (1 - standing) * min(max(1.5 - moved, 0.0), 1.0)  # cells; who moves by half a cell still stands
 
 
 def _extent(first: NDArray[np.int64], n: int, cells: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

@@ -25,6 +25,7 @@ from envpred.mapping.mapper import Mapped, Mapper
 from envpred.metrics.collection import forecast_metrics
 from envpred.metrics.horizon_mse import HorizonMSE
 from envpred.metrics.windows import WindowMetric
+from envpred.models.kinds import kinds_of
 
 
 class Forecaster(LightningModule):
@@ -142,6 +143,9 @@ class Forecaster(LightningModule):
                 f"{type(self).__name__} forecast {tuple(forecast.probability.shape)} where (windows, horizons, cells, "
                 f"cells) = {asked} was asked for; mend its `forecast`, or say how far it goes by `reachable`"
             )
+        if forecast.samples is not None and forecast.samples[:, :1].shape != (windows, 1, *asked[1:]):
+            drawn, wanted = tuple(forecast.samples.shape), (windows, "K", *asked[1:])
+            raise UserError(f"{type(self).__name__} drew samples {drawn}, not {wanted}; mend its `forecast`")
         return forecast
 
     def see(self, mapper: Mapper, mapped: Sequence[Mapped]) -> Seen:
@@ -176,7 +180,9 @@ class Forecaster(LightningModule):
         future, last = batch["future"], batch["seen"]["occupancy"][:, -1]
         assert future is not None  # only prediction goes without
         target = future["occupancy"]
-        self.scores.update(forecast.probability, target, last, batch["index"])
+        wanted = any(isinstance(metric, WindowMetric) and metric.needs_cells for metric in self.scores.values())
+        kinds = kinds_of(batch) if wanted else {}
+        self.scores.update(forecast.probability, target, last, batch["index"], samples=forecast.samples, **kinds)
         self.static.update(last[:, None].expand_as(target), target, last, batch["index"])
 
     def scored(self) -> dict[str, Any]:

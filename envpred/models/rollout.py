@@ -20,6 +20,7 @@ from envpred.mapping.movers import Movers, Moving
 from envpred.mapping.rollout import Rollout, Scene
 from envpred.mapping.world import World, label_world
 from envpred.models.forecaster import Forecaster
+from envpred.models.parts import Parts, hide_unseen, whole_world
 
 Window = Mapping[str, NDArray[np.generic]]  # what is seen of one window, as arrays
 MANY, SOON = 1024, 4  # futures that tell how likely each cell is, and the frames ahead for which they do
@@ -81,6 +82,23 @@ class RolloutForecaster(Forecaster):
         drawn = [samples for _, samples in found if samples is not None]
         return Forecast(probability, samples=torch.from_numpy(np.stack(drawn)).to(device) if drawn else None)
 
+    def parts(self, seen: Seen, horizons: int) -> Parts:
+        """What the forecast is made of."""
+        worlds, rendered = [], []
+        with ThreadPoolExecutor(max(1, torch.get_num_threads())) as pool:
+            for window in (self._window(seen, b) for b in range(len(seen["pose"]))):
+                futures, offset = self.ego(window, horizons), self.offset(window)
+                scene, _ = self._scene(window, futures)
+                rendered.append(self._sensor(window).expected(scene, pool.map, offset))
+                scene = self._believed(scene, window)
+                centre, half = np.asarray(scene.centre_cell, np.int64), scene.mass.shape[-1] // 2
+                times = horizons, float(window["period"]), float(window["resolution"])
+                worlds.append(whole_world(scene.world, scene.movers, centre, times))
+                places = np.floor(futures[..., :2] + 0.5).astype(np.int64) + offset - centre + scene.world.cells // 2
+                hide_unseen(worlds[-1], places.min(axis=0) - half, places.max(axis=0) + half)
+        device = seen["pose"].device
+        return Parts(*(torch.from_numpy(np.stack(grids)).to(device) for grids in (worlds, rendered)))
+
     def ego(self, window: Window, horizons: int) -> FloatArray:
         """Futures (K, horizons, 3) of the ego: x and y in cells of the lattice, heading in radians."""
         poses, times = np.asarray(window["pose"], np.float64), np.asarray(window["time"], np.float64)
@@ -99,7 +117,8 @@ class RolloutForecaster(Forecaster):
         self, window: Window, futures: FloatArray, pool: ThreadPoolExecutor
     ) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
         """The forecast (N, H, W) of one window, and its samples (K, N, H, W) where they are asked for."""
-        rollout, scene, generator = self._sensor(window), *self._scene(window, futures)
+        rollout, (scene, generator) = self._sensor(window), self._scene(window, futures)
+        scene = self._believed(scene, window)
         offset = self.offset(window)
         mean = rollout.expected(scene, pool.map, offset)
         return mean, rollout.samples(scene, generator, pool.map, offset) if self.hparams["samples"] else None
@@ -133,6 +152,10 @@ class RolloutForecaster(Forecaster):
         draws = generator.standard_normal((len(futures), 2)) if movers is not None else None
         mass, centre = np.asarray(window["evidence"][-1], np.float32), np.asarray(window["centre_cell"][-1], np.int64)
         return Scene(mass, world, centre, futures, movers, draws, self.weights(window, futures)), generator
+
+    def _believed(self, scene: Scene, window: Window) -> Scene:
+        """The scene that forecasts are made of: what was seen, unless somebody has learned more."""
+        return scene
 
     def _world(self, window: Window, futures: FloatArray) -> tuple[World, Movers | None]:
         """What the rays meet on the context grid: what stands, and what moves if that is told apart."""

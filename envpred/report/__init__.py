@@ -8,6 +8,7 @@ from envpred.pictures.forecasts import scene_strip
 from envpred.pictures.grids import save
 from envpred.report.curves import error_curves, reliability_diagram
 from envpred.report.details import metric_tables, models_table, pairs_table
+from envpred.report.how_sure import cells_table, how_sure_table
 from envpred.report.page import Picture, page, pictures_of
 from envpred.report.pictures import compared_scenes
 from envpred.report.ratios import moved_ratio_table, ratio_table
@@ -43,7 +44,10 @@ def report(runs: Sequence[Path], out: Path, same_inputs: bool = True) -> Path:
     read = read_runs(runs, same_inputs)
     pictures, scenes = pictures_of(read), compared_scenes(read)
     pairs = comparisons(methods(read), shown_columns(read[0]))
-    tables = (methods_table(read, pairs), variants_table(read), ratio_table(read), moved_ratio_table(read))
+    tables = (
+        *(methods_table(read, pairs), variants_table(read), ratio_table(read), moved_ratio_table(read)),
+        *(how_sure_table(read), cells_table(read)),
+    )
     measured = [table for table in tables if table is not None]
     appendix = [*metric_tables(read), *([pairs_table(read, pairs)] if pairs else []), models_table(read)]
     published = [published_table()]

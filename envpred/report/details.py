@@ -3,8 +3,11 @@
 import math
 from collections.abc import Sequence
 
+import numpy as np
+
 from envpred.horizons import in_seconds
 from envpred.metrics.about import About
+from envpred.metrics.cells import KINDS, key_of
 from envpred.report.run import Measured, Run
 from envpred.report.statistics import Comparison
 from envpred.report.table import Cell, Table
@@ -32,13 +35,27 @@ def heading(about: About) -> str:
 
 
 def metric_tables(runs: Sequence[Run]) -> list[Table]:
-    """One table for each metric beside squared error that any run has, written as the result says."""
-    tables = []
-    for key in dict.fromkeys(key for run in runs for key in run.metrics if key not in (MSE, STATIC_MSE)):
-        having = [run for run in runs if key in run.metrics]
-        rows = [[Cell(marked(run.label, oracles(runs))), *_cells(run, run.metrics[key])] for run in having]
-        caption = f"Value ± standard error over the windows in which it is defined.{oracle_note(oracles(having))}"
-        tables.append(Table(key, heading(having[0].metrics[key].about), caption, ["method", *heads(runs[0])], rows))
+    """One table for each metric beside squared error that any run has, written as the result says.
+
+    A metric over kinds of cells stands below the same over all cells, in its table; what no run has a number of is left
+    out.
+    """
+    tables, read_future = [], oracles(runs)
+    told = list(dict.fromkeys(key for run in runs for key in run.metrics if key not in (MSE, STATIC_MSE)))
+    kinds = {key_of(key, kind): kind for key in told for kind in KINDS}
+    for key in (key for key in told if key not in kinds):
+        rows: list[list[Cell]] = []
+        having: list[Run] = []
+        for part in (key, *(key_of(key, kind) for kind in KINDS)):
+            of = f", {kinds[part]} cells" if part in kinds else ""
+            found = [run for run in runs if part in run.metrics]
+            if any(np.isfinite(run.metrics[part].mean).any() for run in found):
+                rows += [[Cell(marked(run.label, read_future) + of), *_cells(run, run.metrics[part])] for run in found]
+                having += found
+        if rows:
+            caption = f"Value ± standard error over the windows in which it is defined.{oracle_note(oracles(having))}"
+            title = heading(having[0].metrics[key].about)
+            tables.append(Table(key, title, caption, ["method", *heads(runs[0])], rows))
     return tables
 
 

@@ -1,9 +1,11 @@
 """Brier score, calibration error, reliability diagram."""
 
+import math
+
 import pytest
 import torch
 
-from envpred.metrics.brier import brier
+from envpred.metrics.brier import Brier, brier
 from envpred.metrics.calibration import Calibration, Reliability, reliability_bins
 from envpred.metrics.windows import PerHorizon
 
@@ -17,11 +19,37 @@ def test_brier_by_hand() -> None:
     assert brier(FORECAST, torch.full_like(TARGET, 0.5)).isnan().all()
 
 
+def test_brier_of_kinds_of_cells_by_hand() -> None:
+    metric = Brier(horizons=1)
+    metric.update(FORECAST, TARGET, torch.full_like(TARGET[0], 0.9), moving=TARGET > 0.4, entering=TARGET == 0.5)
+    found = {name: value.mean.item() for name, value in metric.compute().items()}
+    assert found["brier"] == pytest.approx(1.375 / 4)
+    assert found["brier_dynamic_cells"] == pytest.approx((0.0625 + 1) / 2)  # 0.1 and 0.0 were 0.9
+    assert found["brier_moving_cells"] == pytest.approx((0.0625 + 0.25) / 2)  # the unknown one does not count
+    assert math.isnan(found["brier_entering_cells"])
+
+
 def test_bins_by_hand() -> None:
     count, forecast, occupied = reliability_bins(FORECAST, TARGET, bins=2)[0, 0].tolist()
     assert count == [1, 3]
     assert forecast == pytest.approx([0.25, 2.25])
     assert occupied == [0, 2]
+
+
+def test_kinds_of_cells_have_bins_of_their_own() -> None:
+    generator = torch.Generator().manual_seed(1)
+    forecast, target = torch.rand(2, 2, 3, 6, 7, generator=generator).round(decimals=1)
+    kinds = torch.rand(3, 2, 3, 6, 7, generator=generator) < torch.tensor([0.3, 0.6, 0.0]).view(3, 1, 1, 1, 1)
+    found = reliability_bins(forecast, target, 10, kinds)
+    for kind, cells in zip(found, kinds, strict=True):
+        torch.testing.assert_close(kind, reliability_bins(forecast, target.where(cells, 0.5), 10))
+    metric = Calibration(horizons=1, bins=2)
+    metric.update(FORECAST, TARGET, moving=TARGET > 0.8, entering=TARGET < 0.3)
+    result = metric.compute()
+    means = {name: value.mean.item() for name, value in result.items() if isinstance(value, PerHorizon)}
+    assert means["ece_moving_cells"] == pytest.approx(0.25)  # the first: 0.75 where it is occupied
+    assert means["ece_entering_cells"] == pytest.approx((0.25 + 1) / 2)
+    assert math.isnan(means["ece_dynamic_cells"])  # the last grid shown is not told
 
 
 def test_error_and_diagram_over_windows() -> None:

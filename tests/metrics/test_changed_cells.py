@@ -5,7 +5,7 @@ import math
 import pytest
 import torch
 
-from envpred.metrics.changed_cells import DynamicMSE, StaticMSE, changed, masked_mse
+from envpred.metrics.changed_cells import DynamicMSE, EnteringMSE, MovingMSE, StaticMSE, changed, masked_mse
 
 LAST = torch.tensor([[[1.0, 0.0], [0.5, 0.0]]])
 TARGET = torch.tensor([[[[0.0, 0.0], [0.9, 0.5]]]])  # left, stayed free, came, lost sight of
@@ -19,6 +19,16 @@ def test_by_hand() -> None:
     static.update(FORECAST, TARGET, LAST)
     assert dynamic.compute().mean.item() == pytest.approx((0.16 + 0.16) / 2)
     assert static.compute().mean.item() == pytest.approx((0.01 + 0.09) / 2)
+
+
+def test_cells_that_are_told_by_hand() -> None:
+    moving = torch.tensor([[[[True, False], [False, True]]]])
+    metrics = [MovingMSE(1), EnteringMSE(1)]
+    for metric in metrics:
+        metric.update(FORECAST, TARGET, LAST, moving=moving, entering=~moving)
+        metric.update(FORECAST, TARGET, LAST)  # not told: does not count
+    assert metrics[0].compute().mean.item() == pytest.approx((0.16 + 0.09) / 2)
+    assert metrics[1].compute().mean.item() == pytest.approx((0.01 + 0.16) / 2)
 
 
 def test_normalised_by_all_cells() -> None:

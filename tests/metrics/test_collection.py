@@ -14,7 +14,9 @@ from torch import Tensor
 
 import envpred.metrics
 from envpred.errors import UserError
+from envpred.metrics.cells import KINDS
 from envpred.metrics.collection import forecast_metrics
+from envpred.metrics.horizon_mse import HorizonMSE
 from envpred.metrics.roc_auc import RocAuc
 from envpred.metrics.windows import HorizonMetric
 
@@ -22,6 +24,8 @@ TITLES = {
     "mse": ("MSE", "lower"),
     "mse_dynamic_cells": ("MSE, dynamic cells", "lower"),
     "mse_static_cells": ("MSE, static cells", "lower"),
+    "mse_moving_cells": ("MSE, moving cells", "lower"),
+    "mse_entering_cells": ("MSE, entering cells", "lower"),
     "skill": ("Skill against the static baseline", "higher"),
     "iou": ("IoU at 0.5", "higher"),
     "precision": ("Precision at 0.5", "higher"),
@@ -34,7 +38,13 @@ TITLES = {
     "image_similarity_free": ("Image similarity, free", "lower"),
     "image_similarity_unknown": ("Image similarity, unknown", "lower"),
     "ece": ("Calibration error", "lower"),
+    "crps": ("CRPS", "lower"),
+    "spread_skill": ("Spread over skill", 1.0),
+    "mse_best_of_k": ("MSE, best of 16", "lower"),
 }
+for whole in ("brier", "ece", "crps", "spread_skill", "mse_best_of_k"):
+    title, direction = TITLES[whole]
+    TITLES |= {f"{whole}_{kind}_cells": (f"{title}, {kind} cells", direction) for kind in KINDS}
 NAMES = {*TITLES, "reliability"}
 
 
@@ -77,6 +87,33 @@ def test_a_name_is_given_once() -> None:
             forecast_metrics(2, extra=[named])
     with pytest.raises(UserError, match="RocAuc: its name 'roc_auc' is that of RocAuc"):
         forecast_metrics(2, extra=[partial(RocAuc, bins=10)])
+
+
+class Plain(HorizonMSE):
+    """A metric of a user's own that is told what metrics were told before there were samples."""
+
+    name, title = "plain", "Plain"
+
+    def update(self, forecast: Tensor, target: Tensor, last: Tensor | None = None, index: Tensor | None = None) -> None:  # type: ignore[override]
+        super().update(forecast, target, last, index)
+
+
+def test_samples_and_kinds_of_cells_reach_whom_they_concern() -> None:
+    generator = torch.Generator().manual_seed(0)
+    metrics = forecast_metrics(2, extra=[Bias, Plain])
+    samples = torch.rand(1, 16, 2, 6, 6, generator=generator)
+    target, last = torch.rand(1, 2, 6, 6, generator=generator), torch.rand(1, 6, 6, generator=generator)
+    moving = torch.zeros(1, 2, 6, 6, dtype=torch.bool)
+    moving[..., 0, 0] = True
+    metrics.update(samples.mean(1), target, last, torch.arange(1), samples=samples, moving=moving, entering=~moving)
+    result = metrics.compute()
+    assert set(result) == NAMES | {"bias", "plain"}
+    torch.testing.assert_close(result["plain"].mean, result["mse"].mean)
+    error = (samples.mean(1) - target).square()
+    torch.testing.assert_close(result["mse_moving_cells"].mean.float(), error[0, :, 0, 0])
+    share = (35 * result["mse_entering_cells"].mean + result["mse_moving_cells"].mean) / 36
+    torch.testing.assert_close(share, result["mse"].mean)
+    assert result["spread_skill_moving_cells"].value.isfinite().all()
 
 
 def test_metrics_that_agree_on_the_first_window_stay_apart() -> None:

@@ -112,6 +112,10 @@ def test_wrong_shapes_are_refused() -> None:
         HorizonMSE(3).update(forecast, target, last=target)
     with pytest.raises(ValueError, match="index"):
         HorizonMSE(3).update(forecast, target, index=torch.tensor([0, 2**24]))
+    with pytest.raises(ValueError, match=r"samples \(2, 3, 4, 5\) must be"):
+        HorizonMSE(3).update(forecast, target, samples=forecast)
+    with pytest.raises(ValueError, match="moving"):
+        HorizonMSE(3).update(forecast, target, moving=target)
     with pytest.raises(ValueError, match="at least one horizon"):
         HorizonMSE(0)
 

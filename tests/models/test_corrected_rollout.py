@@ -102,6 +102,20 @@ def test_a_trained_correction_counts_half_where_the_ego_stands(store: Path) -> N
     assert (whole - rolled).abs().max() > 0.05
 
 
+def test_its_samples_have_the_corrected_forecast_for_their_mean(store: Path) -> None:
+    model = CorrectedRolloutForecaster(**(SMALL | {"futures": 16}), samples=True).eval()
+    torch.nn.init.constant_(model.network.leave.bias, 1.0)  # type: ignore[arg-type]
+    seen = collate([module(store, model).datasets["val"][0]])["seen"]
+    with torch.no_grad():
+        forecast = model.forecast(seen, 5)
+    rolled = RolloutForecaster(given=3, samples=True).forecast(seen, 5)
+    assert forecast.samples is not None
+    assert forecast.samples.shape == (1, 16, 5, 32, 32)
+    torch.testing.assert_close(forecast.samples.mean(1), forecast.probability, atol=1e-5, rtol=0)
+    assert (forecast.probability - rolled.probability).abs().max() > 0.05
+    assert forecast.samples.var(1).max() > 0.01
+
+
 @pytest.mark.parametrize("moved", [[[0, 0]], [[3, 0], [40, 2]], [[-50, 9], [-80, 90]]])
 def test_the_canvas_lies_in_the_context_and_divides(moved: list[list[int]]) -> None:
     low, high = _divided(*_extent(np.array(moved) + 64, n=128, cells=256), 256)
@@ -119,3 +133,19 @@ def test_bad_sizes_are_refused(store: Path, tmp_path: Path) -> None:
     few = CorrectedRolloutForecaster(**(SMALL | {"horizons": 4}))
     with pytest.raises(UserError, match="reaches 4 frames ahead"):
         trainer(tmp_path).test(few, datamodule=grids(store, test=["c"]), verbose=False)
+
+
+def test_samples_of_a_corrected_world_are_drawn_from_it(store: Path) -> None:
+    """Their mean is the corrected forecast, and not the rollout's."""
+    model = CorrectedRolloutForecaster(**(SMALL | {"futures": 64}), corrects="world", samples=True).eval()
+    torch.nn.init.constant_(model.network.leave.bias, -2.0)  # type: ignore[arg-type]
+    seen = collate([module(store, model).datasets["val"][0]])["seen"]
+    with torch.no_grad():
+        found, parts = model.forecast(seen, 5), model.parts(seen, 5)
+    rolled = RolloutForecaster(given=3, futures=64).forecast(seen, 5).probability
+    assert found.samples is not None
+    torch.testing.assert_close(parts.rendered, rolled)
+    assert parts.corrected is not None
+    torch.testing.assert_close(parts.corrected, found.probability)
+    away = (found.samples.mean(1) - found.probability).abs().mean()
+    assert (rolled - found.probability).abs().mean() > 4 * away

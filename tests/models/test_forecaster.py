@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from torch import nn
 
 from envpred.datamodules import Forecast, Seen, WindowBatch
+from envpred.errors import UserError
 from envpred.mapping.evidence import pignistic
 from envpred.models import LastFrame
 from envpred.models.forecaster import Forecaster
@@ -80,6 +81,18 @@ class OneConvolution(Forecaster):
 
     def forecast(self, seen: Seen, horizons: int) -> Forecast:
         return Forecast(torch.cat([self.kernel(seen["frames"][:, -1]) for _ in range(horizons)], 1))
+
+
+def test_samples_of_other_forecasts_are_refused(store: Path, tmp_path: Path) -> None:
+    class Drawing(LastFrame):
+        """Draws as many samples as there are horizons, in the wrong order of axes."""
+
+        def forecast(self, seen: Seen, horizons: int) -> Forecast:
+            forecast = super().forecast(seen, horizons).probability
+            return Forecast(forecast, samples=forecast[:, :, None].expand(-1, -1, 7, -1, -1))
+
+    with pytest.raises(UserError, match=r"Drawing drew samples \(1, 5, 7, 16, 16\), not \(1, 'K', 5"):
+        trainer(tmp_path).test(Drawing(given=3), datamodule=grids(store, test=["c"]), verbose=False)
 
 
 def test_work_is_counted(store: Path, tmp_path: Path) -> None:

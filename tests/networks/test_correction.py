@@ -1,8 +1,10 @@
 """The network of the correction: zero at the start, gradients of its windows, and places outside the canvas."""
 
+import math
+
 import torch
 
-from envpred.networks.correction import Canvas, Correction, Cut, context_channels
+from envpred.networks.correction import Canvas, Correction, Cut, WorldCorrection, context_channels
 
 
 def inputs(n: int = 16, side: int = 32, horizons: int = 3) -> tuple[Canvas, torch.Tensor, torch.Tensor, torch.Tensor]:
@@ -44,3 +46,29 @@ def test_one_horizon_at_a_time_is_the_same() -> None:
 def test_gradients_go_where_windows_came_from() -> None:
     maps = torch.rand(2, 6, 6, dtype=torch.double, requires_grad=True)
     assert torch.autograd.gradcheck(lambda m: Cut.apply(m, [[0, 1], [2, 2]], 3), maps)  # type: ignore[no-untyped-call]
+
+
+def test_a_corrected_world_starts_as_it_was_and_shifts_its_odds() -> None:
+    """Zero at the start; a shift of 1 in logits that is trusted by half multiplies the odds by exp(0.5)."""
+    torch.manual_seed(0)
+    network = WorldCorrection(given=3, horizons=4, width=8, fine=8, head=8)
+    channels, hit = torch.rand(context_channels(3), 32, 48), torch.rand(4, 20, 30)
+    hit[:, :2] = torch.tensor([0.0, 1.0]).repeat(15)
+    torch.testing.assert_close(network(channels, hit, (5, 9)), hit)
+    torch.nn.init.ones_(network.leave.bias)  # type: ignore[arg-type]
+    found = network(channels, hit, (5, 9), trust=0.5)
+    inner = slice(2, None)
+    odds = hit[:, inner] / (1 - hit[:, inner])
+    torch.testing.assert_close(found[:, inner] / (1 - found[:, inner]), odds * math.exp(0.5), rtol=1e-3, atol=1e-3)
+    torch.testing.assert_close(found[:, :2], hit[:, :2], msg="what is certain stays so")
+
+
+def test_a_corrected_world_looks_at_the_place_of_its_cells() -> None:
+    """Shifted channels and a corner shifted alike make the same world, far from the borders."""
+    torch.manual_seed(0)
+    network = WorldCorrection(given=3, horizons=2, width=8, fine=8, head=8)
+    torch.nn.init.normal_(network.leave.weight)
+    channels, hit = torch.rand(context_channels(3), 96, 96), torch.rand(2, 8, 8)
+    before, after = network(channels, hit, (40, 40)), network(channels.roll((16, 16), (1, 2)), hit, (56, 56))
+    assert (before - hit).abs().max() > 0.05
+    assert (before - after).abs().mean() < 0.02, "but for group normalisation, which sees the rolled border"

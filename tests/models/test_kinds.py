@@ -1,0 +1,37 @@
+"""Kinds of cells of what came."""
+
+import numpy as np
+import torch
+
+from envpred.datamodules import WindowBatch
+from envpred.models.kinds import kinds_of
+from tests.models.trainers import seen
+from tests.results.scenes import window
+
+
+def batch(cells: torch.Tensor) -> WindowBatch:
+    """Two windows of 5 frames shown and the rest to come, the second of an ego at `cells` (T, 2)."""
+    occupancy, centre_cell = window()
+    grids = torch.from_numpy(np.stack([occupancy, occupancy])).float()
+    centre = torch.stack([torch.from_numpy(centre_cell), cells[: len(centre_cell)]])
+    shown = seen(
+        occupancy=grids[:, :5],
+        centre_cell=centre[:, :5],
+        resolution=torch.full((2,), 1 / 3),
+        period=torch.full((2,), 0.1),
+    )
+    future = {"occupancy": grids[:, 5:], "centre_cell": centre[:, 5:]}
+    return {"seen": shown, "future": future, "drive": ["a", "b"], "start": torch.zeros(2), "index": torch.arange(2)}  # type: ignore[typeddict-item]
+
+
+def test_what_enters_by_hand() -> None:
+    """Two cells to the east and one to the south of the last frame shown at the first horizon; then back."""
+    cells = torch.tensor([[70, 80]] * 5 + [[72, 79]] + [[70, 80]] * 50)
+    found = kinds_of(batch(cells))
+    entering = found["entering"][1]
+    assert entering[0, -2:].all()
+    assert entering[0, :, 0].all()
+    assert not entering[0, :-2, 1:].any()
+    assert not entering[1:].any()
+    assert found["moving"].shape == found["entering"].shape
+    assert found["moving"][0].any()
