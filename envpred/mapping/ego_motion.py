@@ -161,9 +161,10 @@ def cell_weights(futures: FloatArray, many: FloatArray) -> FloatArray:
     weights = np.full((K, N), 1 / K)
     for h in range(min(N, many.shape[1])):
         own, theirs = (np.floor(poses[:, h, :2] + 0.5) for poses in (futures, many))
-        cells, place = np.unique(np.concatenate([own, theirs]), axis=0, return_inverse=True)
-        place = place.reshape(-1)
-        visits, chance = (np.bincount(at, minlength=len(cells)) for at in (place[:K], place[K:]))
+        cells = np.concatenate([own, theirs]).astype(np.int64)
+        cells -= cells.min(axis=0)
+        place = cells[:, 0] * (cells[:, 1].max() + 1) + cells[:, 1]
+        visits, chance = (np.bincount(at, minlength=place.max() + 1) for at in (place[:K], place[K:]))
         share = chance / len(many)
         if share[visits > 0].sum() >= VISITED:
             weights[:, h] = share[place[:K]] / visits[place[:K]]

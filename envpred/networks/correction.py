@@ -203,10 +203,25 @@ class WorldCorrection(nn.Module):
         """
         N, rows, columns = hit.shape
         features = self.trunk(channels[None].contiguous(memory_format=torch.channels_last))[0]
-        local = (
-            features[:, corner[0] : corner[0] + rows, corner[1] : corner[1] + columns].permute(1, 2, 0).flatten(0, 1)
+        local = features[:, corner[0] : corner[0] + rows, corner[1] : corner[1] + columns].permute(1, 2, 0)
+        if torch.is_grad_enabled():
+            return self._head(local, hit, self.project[:N], trust)
+        # One horizon at a time, which stays in the processor's cache, and only where its world is filled in.
+        corrected = torch.zeros_like(hit)
+        for out, grid, project in zip(corrected, hit, self.project, strict=False):
+            i, j = (torch.nonzero(grid.amax(axis)).squeeze(1) for axis in (1, 0))
+            if len(i):
+                box = slice(int(i[0]), int(i[-1]) + 1), slice(int(j[0]), int(j[-1]) + 1)
+                out[box] = self._head(local[box], grid[box][None], project[None], trust)[0]
+        return corrected
+
+    def _head(self, local: Tensor, hit: Tensor, project: Tensor, trust: float) -> Tensor:
+        N, rows, columns = hit.shape
+        seen = (
+            torch.matmul(local.reshape(-1, local.shape[-1]), project.transpose(1, 2))
+            .view(N, rows, columns, -1)
+            .permute(0, 3, 1, 2)
         )
-        seen = torch.matmul(local, self.project[:N].transpose(1, 2)).view(N, rows, columns, -1).permute(0, 3, 1, 2)
         inputs = 0.25 * torch.logit(hit, LEAST)[:, None]
         x = functional.relu(self.enter(inputs) + seen)
         shift = trust * self.leave(functional.relu(self.middle(x))).float()[:, 0].clamp(-8, 8)
