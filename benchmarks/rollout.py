@@ -25,8 +25,8 @@ FORECASTERS: dict[str, tuple[Callable[[], Forecaster], float | None]] = {
     "rollout, label world": (lambda: RolloutForecaster(world="label"), 30.0),
     "rollout, hit rates": (RolloutForecaster, 30.0),
     "rollout, hit rates and movers": (lambda: RolloutForecaster(movers=True), 40.0),
-    "corrected world, with movers": (lambda: CorrectedRolloutForecaster(movers=True, corrects="world"), 60.0),
-    "corrected forecast, with movers": (lambda: CorrectedRolloutForecaster(movers=True), 60.0),
+    "corrected world, with movers": (lambda: CorrectedRolloutForecaster(movers=True), 60.0),
+    "corrected forecast, with movers": (lambda: CorrectedRolloutForecaster(movers=True, corrects="forecast"), 60.0),
     "PredNet (2, 16, 32, 64)": (lambda: PredNetForecaster(channels=[16, 32, 64]), None),
     "PredNet (2, 48, 96, 192)": (PredNetForecaster, None),
 }

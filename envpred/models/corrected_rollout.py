@@ -1,4 +1,4 @@
-"""The rollout with a small network on top, which starts as the rollout and learns what that gets wrong."""
+"""The rollout with a small network in it or on top, which starts as the rollout and learns what that gets wrong."""
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -28,7 +28,7 @@ MARGIN = 8  # cells of the canvas around the future grids
 
 
 class CorrectedRolloutForecaster(RolloutForecaster):
-    """The rollout, corrected by a network of 0.4 M parameters that looks at all that was seen (see `Correction`).
+    """The rollout, corrected by a network of 0.4 M parameters that looks at all that was seen.
 
     Trained by squared errors, as a share of the static baseline's of the same window where `error` says so: windows in
     which little happens count as much as others.
@@ -43,9 +43,10 @@ class CorrectedRolloutForecaster(RolloutForecaster):
         futures: of the ego that the rollout averages over.
         world: what the rays meet, see `RolloutForecaster`.
         movers: carry on what moves, likewise.
-        corrects: the `forecast` that was rendered, or the `world` before it is: the network learns through the rays.
+        corrects: the `world` before it is rendered, so that the network learns through the rays, or the `forecast` that
+            was rendered (see `WorldCorrection` and `Correction`).
         seed: of the futures.
-        scored: horizons of a training window that are corrected, drawn at random; fewer are faster.
+        scored: horizons of a training window that count, drawn at random; fewer are faster where forecasts are corrected.
         error: squared errors as they are, or their share of the static baseline's.
         lr: learning rate of Muon.
         max_epochs: epochs of training; the learning rate falls to 0 by their end.
@@ -66,7 +67,7 @@ class CorrectedRolloutForecaster(RolloutForecaster):
         futures: int = 16,
         world: Literal["label", "hits"] = "hits",
         movers: bool = False,
-        corrects: Literal["forecast", "world"] = "forecast",
+        corrects: Literal["forecast", "world"] = "world",
         seed: int = 0,
         scored: int = 6,
         error: Literal["squared", "share"] = "share",

@@ -89,7 +89,7 @@ def test_turned_windows_have_turned_forecasts(store: Path, symmetry: int, world:
 
 
 def test_a_trained_correction_counts_half_where_the_ego_stands(store: Path) -> None:
-    model = CorrectedRolloutForecaster(**SMALL).eval()
+    model = CorrectedRolloutForecaster(**SMALL, corrects="forecast").eval()
     torch.nn.init.constant_(model.network.leave.bias, 1.0)  # type: ignore[arg-type]
     seen = collate([module(store, model).datasets["val"][0]])["seen"]
     seen["pose"] = seen["pose"][:, -1:].expand_as(seen["pose"]).clone()
@@ -103,7 +103,7 @@ def test_a_trained_correction_counts_half_where_the_ego_stands(store: Path) -> N
 
 
 def test_its_samples_have_the_corrected_forecast_for_their_mean(store: Path) -> None:
-    model = CorrectedRolloutForecaster(**(SMALL | {"futures": 16}), samples=True).eval()
+    model = CorrectedRolloutForecaster(**(SMALL | {"futures": 16}), corrects="forecast", samples=True).eval()
     torch.nn.init.constant_(model.network.leave.bias, 1.0)  # type: ignore[arg-type]
     seen = collate([module(store, model).datasets["val"][0]])["seen"]
     with torch.no_grad():

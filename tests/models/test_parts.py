@@ -73,7 +73,7 @@ def test_a_rollout_gives_out_its_world_and_its_forecast(store: Path, world: Any)
 
 def test_a_corrected_rollout_gives_out_both_forecasts(store: Path) -> None:
     sizes: dict[str, Any] = {"given": 3, "horizons": 5, "width": 8, "fine": 8, "head": 8}
-    model = CorrectedRolloutForecaster(**sizes).eval()
+    model = CorrectedRolloutForecaster(**sizes, corrects="forecast").eval()
     torch.nn.init.constant_(model.network.leave.bias, 1.0)  # type: ignore[arg-type]
     seen = seen_by(model, store)
     with torch.no_grad():
