@@ -46,7 +46,7 @@ class CorrectedRolloutForecaster(RolloutForecaster):
         corrects: the `world` before it is rendered, so that the network learns through the rays, or the `forecast` that
             was rendered (see `WorldCorrection` and `Correction`).
         seed: of the futures.
-        scored: horizons of a training window that count, drawn at random; fewer are faster where forecasts are corrected.
+        scored: horizons of a training window that count, drawn at random; of corrected forecasts fewer are faster.
         error: squared errors as they are, or their share of the static baseline's.
         lr: learning rate of Muon.
         max_epochs: epochs of training; the learning rate falls to 0 by their end.
