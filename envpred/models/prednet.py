@@ -114,7 +114,7 @@ class PredNetForecaster(Forecaster):
 
     def _forecast(self, channels: list[Tensor]) -> Forecast:
         """The forecast of all `channels` (B, N, C, H, W), in parts."""
-        joined = torch.cat(channels)
+        joined = channels[0] if len(channels) == 1 else torch.cat(channels)  # one keeps its layout in memory
         return Forecast(self.view.probability(joined).clamp(0, 1), joined)
 
     def _told(self, seen: Seen, horizons: int) -> list[Cells]:
@@ -170,15 +170,15 @@ class PredNetForecaster(Forecaster):
         # As at test, the network is told where the ego is likeliest to go, not where it went.
         for read in self._read(seen, self._told(seen, future["frames"].shape[1]), future):
             predictions = self.network(read.frames, given=self.given)
+            made = self.view.probability(predictions[:, self.given :])  # before cells that are unknown come to it
+            self.spread = torch.maximum(self.spread, made.amax() - made.amin())
             channels.append(read.back(predictions[:, self.given :]))
             if stage == "t1":
                 losses.append(self.t1_loss(read.frames, read.judged))
             else:
                 losses.append(self.t5_loss(read.frames, predictions, read.judged))
         self.log(f"val/loss_{stage}", torch.stack(losses).mean(), batch_size=len(batch["index"]), sync_dist=True)
-        forecast = self._forecast(channels)
-        self.spread = torch.maximum(self.spread, forecast.probability.amax() - forecast.probability.amin())
-        self.score(batch, forecast)
+        self.score(batch, self._forecast(channels))
 
     def on_validation_epoch_start(self) -> None:
         self.spread.zero_()

@@ -285,3 +285,10 @@ def test_what_does_not_fit_is_refused(tmp_path: Path) -> None:
     with pytest.raises(UserError, match=r"--context 256"):
         trainer(tmp_path).fit(prednet(fixed_frame=True, context=True), datamodule=grids(narrow))
     assert Store(narrow).drives["a"].context is None
+
+
+def test_a_dead_output_is_noticed_beside_cells_that_are_unknown(store: Path, tmp_path: Path) -> None:
+    model = prednet(fixed_frame=True, variant="prob_static")
+    torch.nn.init.constant_(cast(Tensor, model.network.predict[0].bias), -100.0)
+    with pytest.raises(UserError, match="the same everywhere"):
+        trainer(tmp_path).fit(model, datamodule=grids(store, variant="prob_static"))
