@@ -35,7 +35,7 @@ from sweeps.study.storage import told
 from sweeps.table import stores
 from sweeps.table.estimate import seconds, untrained
 from sweeps.table.job import Job
-from sweeps.table.plan import MAIN, SWITCHES, VELOCITIES, make_plan
+from sweeps.table.plan import QUESTIONS, VELOCITIES, make_plan
 from sweeps.table.summary import SUMMARY, summary
 
 DEFAULT = "configs/model/prednet_small.yaml"
@@ -49,7 +49,7 @@ def ablation(
     out: Path = Path("ablation"),
     tuned: Path | None = None,
     variants: list[str] = list(VARIANTS),  # noqa: B006 - read only, and the command line shows it
-    switches: list[str] = list(SWITCHES),  # noqa: B006
+    switches: list[str] = list(QUESTIONS),  # noqa: B006
     seeds: list[int] = [0],  # noqa: B006
     workers: int = 1,
     dry_run: bool = False,
@@ -63,7 +63,7 @@ def ablation(
         out: folder for stores, runs, reports and the summary.
         tuned: folder of studies (`--out` of sweeps.tune); variants with a best.yaml there are run with it, too.
         variants: input variants of the table.
-        switches: what is changed one by one; [] for none.
+        switches: what is changed one by one, of PredNet or (rollout_...) of the rollout; [] for none.
         seeds: every variant is run with each of them, every switch with the first.
         workers: runs at once, which share the processor's cores; small networks use one core best.
         dry_run: print the plan with an estimate of time, and end.
@@ -74,7 +74,7 @@ def ablation(
     if tuned is not None and not best:
         raise UserError(f"{tuned}: holds no prednet_<variant>/{BEST}; run sweeps.tune first, or leave --tuned out")
     plan = make_plan(fit, best, variants, switches, seeds)
-    folders = {run.store: store if run.store == MAIN else out / "stores" / run.store for run in plan}
+    folders = {run.store: stores.folder(run.store, store, out / "stores") for run in plan}
     for key in folders:
         dynamic = any("--data.variant=" + v in run.options for run in plan for v in VARIANTS if "dogma" in v)
         stores.check(key, store, source, dynamic)

@@ -197,8 +197,8 @@ class GridDataModule(LightningDataModule):
         """
         return {
             "store": self.store.name,
-            "store_hash": self._hash(part, ["evidence"]),
-            "input_hash": {name: self._hash(part, [name]) for name in self._arrays() if name != "evidence"},
+            "store_hash": self.content_hash(part, ["evidence"]),
+            "input_hash": {name: self.content_hash(part, [name]) for name in self._arrays() if name != "evidence"},
             "variant": self.variant,
             "split": "custom" if any(self.asked.values()) else self.split,
             "part": part,
@@ -211,7 +211,7 @@ class GridDataModule(LightningDataModule):
             "windows": [[place.drive.name, place.start] for place in self.datasets[part].places],
         }
 
-    def _hash(self, part: str, arrays: list[str]) -> str:
+    def content_hash(self, part: str, arrays: list[str]) -> str:
         """A hash of some stored arrays of the drives of `part`."""
         entries = {selection.drive.name: selection.drive.manifest["arrays"] for selection in self._selected(part)}
         return digest({drive: [entry[name]["checksum"] for name in arrays] for drive, entry in entries.items()})

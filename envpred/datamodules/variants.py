@@ -44,6 +44,11 @@ class Variant:
         """The channels of the velocity east and north, if the variant has them."""
         return next((pair for pair in self.vectors if self.channels[pair[0]] == _VELOCITY[0]), None)
 
+    @property
+    def empty(self) -> tuple[float, ...]:
+        """What the channels of a cell hold of which nothing is known: no mass, or even odds, and no velocity."""
+        return (0.0 if self.evidential else 0.5, *[0.0] * (len(self.channels) - 1))
+
     def probability(self, channels: Tensor) -> Tensor:
         """Probability of occupied (..., H, W), what is judged, of `channels` (..., C, H, W): pignistic for masses."""
         if self.evidential:

@@ -39,6 +39,27 @@ def shifted_tensor(grid: "Tensor", shift: Sequence[int], fill: float = 0) -> "Te
     return moved
 
 
+def placed(grid: "Tensor", at: Sequence[int], beyond: "Tensor") -> "Tensor":
+    """`grid` (..., h, w) laid over `beyond` (..., H, W), so that its first cell becomes the cell `at` there.
+
+    Args:
+        grid: what is laid; what of it lies outside is lost.
+        at: two cells, which may lie outside.
+        beyond: what the other cells hold, which is not changed; its axes before the last two are those of `grid`.
+    """
+    sizes = zip(at, grid.shape[-2:], beyond.shape[-2:], strict=True)
+    (to_i, from_i), (to_j, from_j) = (_laid(int(a), n, size) for a, n, size in sizes)
+    laid = beyond.clone()
+    laid[..., to_i, to_j] = grid[..., from_i, from_j]
+    return laid
+
+
+def _laid(at: int, n: int, size: int) -> tuple[slice, slice]:
+    """Where `n` cells lie from cell `at` of `size` on, and which of them those are."""
+    first, last = min(max(at, 0), size), max(min(at + n, size), 0)
+    return slice(first, max(first, last)), slice(first - at, max(first, last) - at)
+
+
 def _along(shift: int, size: int) -> tuple[slice, slice]:
     kept = max(size - abs(shift), 0)
     to, origin = min(max(-shift, 0), size), min(max(shift, 0), size)

@@ -10,9 +10,10 @@ from lightning.pytorch.trainer.states import TrainerFn
 from lightning.pytorch.utilities import rank_zero_info, rank_zero_warn
 from torch import Tensor
 
-from envpred.datamodules import Forecast, Seen, WindowBatch
+from envpred.datamodules import Forecast, Future, Needs, Seen, WindowBatch
 from envpred.errors import UserError
 from envpred.models.checkpoints import StageCheckpoint, read_checkpoint
+from envpred.models.fixed_frame import Cells, Reading, likeliest_cells
 from envpred.models.forecaster import Forecaster
 from envpred.networks.prednet import PredNet
 
@@ -42,10 +43,13 @@ class PredNetForecaster(Forecaster):
         first_scored: first frame that the loss of stage t+5 counts; 1 as in the paper, or `given` for forecasts alone.
         t5_error: what the loss of stage t+5 averages: absolute errors as in the paper, whose best forecast is the
             median and stays sharp, or squared ones, whose best forecast is the mean and scores a lower MSE.
+        fixed_frame: read all frames on the grid of the last one shown, on which what stands, stands still; forecasts
+            are then moved to where the ego is likeliest to be, and cells that were not read are unknown.
+        context: read the wide grid in the fixed frame, as far as the ego may go.
         init_from: checkpoint (.ckpt) or Keras arrays (.npz) whose weights training starts from.
     """
 
-    shaping = ("variant", "channels", "feedback")
+    shaping = ("variant", "channels", "feedback", "fixed_frame", "context")
 
     def __init__(
         self,
@@ -64,9 +68,14 @@ class PredNetForecaster(Forecaster):
         first_scored: int = 1,
         t5_error: Literal["absolute", "squared"] = "absolute",
         init_from: str | None = None,
+        fixed_frame: bool = False,
+        context: bool = False,
     ) -> None:
         super().__init__(variant, given)
         self.save_hyperparameters()
+        if context and not fixed_frame:
+            raise UserError("--model.context true: the wide grid is read in one frame; add --model.fixed_frame true")
+        self.needs = Needs(context=context)
         self.init_from = init_from
         inputs = len(self.view.channels)
         if not 1 <= len(layer_weights) <= len(channels) + 1 or min(layer_weights) < 0 or max(layer_weights) == 0:
@@ -97,40 +106,79 @@ class PredNetForecaster(Forecaster):
         return "t1" if training and self.trainer.current_epoch < self.hparams["t1_epochs"] else "t5"
 
     def forecast(self, seen: Seen, horizons: int) -> Forecast:
-        frames = seen["frames"]
-        given = frames.shape[1]
-        predictions: Tensor = self.network(frames, given=given, steps=given + horizons)
-        return self._forecast(predictions[:, given:])
+        given, channels = seen["frames"].shape[1], []
+        for read in self._read(seen, self._told(seen, horizons)):
+            predictions: Tensor = self.network(read.frames, given=given, steps=given + horizons)
+            channels.append(read.back(predictions[:, given:]))
+        return self._forecast(channels)
 
-    def _forecast(self, channels: Tensor) -> Forecast:
-        """The forecast of all `channels` (B, N, C, H, W)."""
-        return Forecast(self.view.probability(channels).clamp(0, 1), channels)
+    def _forecast(self, channels: list[Tensor]) -> Forecast:
+        """The forecast of all `channels` (B, N, C, H, W), in parts."""
+        joined = channels[0] if len(channels) == 1 else torch.cat(channels)  # one keeps its layout in memory
+        return Forecast(self.view.probability(joined).clamp(0, 1), joined)
 
-    def t1_loss(self, frames: Tensor) -> Tensor:
-        """Error of the prediction of every frame but the first, all frames shown, weighed over layers."""
-        errors = self.network.unroll(frames, error_layers=len(self.layer_weights)).errors
-        return (errors[:, 1:].mean(dim=(0, 1)) * self.layer_weights).sum()
+    def _told(self, seen: Seen, horizons: int) -> list[Cells]:
+        """Where the network is told that the future grids of each window lie; it is told nothing in the ego's frame."""
+        windows = len(seen["frames"]) if self.hparams["fixed_frame"] else 0
+        return [likeliest_cells(seen, b, horizons) for b in range(windows)]
 
-    def t5_loss(self, frames: Tensor, predictions: Tensor) -> Tensor:
-        """Half the mean error from `first_scored` on: the scale of the split errors of stage t+1."""
+    def _read(self, seen: Seen, told: list[Cells], future: Future | None = None) -> list[Reading]:
+        """The batch as the network reads it: as one, or a window at a time, whose fixed frames differ in size."""
+        if not self.hparams["fixed_frame"]:
+            return [Reading(seen["frames"] if future is None else torch.cat([seen["frames"], future["frames"]], dim=1))]
+        empty = torch.tensor(self.view.empty, device=seen["frames"].device)
+        multiple = 2 ** len(self.hparams["channels"])
+        return [Reading.fixed(seen, b, cells, empty, multiple, future) for b, cells in enumerate(told)]
+
+    def t1_loss(self, frames: Tensor, judged: Tensor | None = None) -> Tensor:
+        """Error of the prediction of every frame but the first, all frames shown, weighed over layers.
+
+        Layer 0's is counted in the cells `judged` (B, T, 1, H, W) if they are given.
+        """
+        found = self.network.unroll(frames, error_layers=len(self.layer_weights))
+        errors = found.errors[:, 1:].mean(dim=(0, 1))
+        if judged is not None:
+            lowest = 0.5 * _mean((frames - found.predictions)[:, 1:].abs(), judged[:, 1:])
+            errors = torch.cat([lowest[None], errors[1:]])
+        return (errors * self.layer_weights).sum()
+
+    def t5_loss(self, frames: Tensor, predictions: Tensor, judged: Tensor | None = None) -> Tensor:
+        """Half the mean error from `first_scored` on: the scale of the split errors of stage t+1.
+
+        It is counted in the cells `judged` (B, T, 1, H, W) if they are given.
+        """
         first = int(self.hparams["first_scored"])
         error = frames[:, first:] - predictions[:, first:]
-        return 0.5 * (error.abs() if self.hparams["t5_error"] == "absolute" else error.square()).mean()
+        error = error.abs() if self.hparams["t5_error"] == "absolute" else error.square()
+        return 0.5 * _mean(error, None if judged is None else judged[:, first:])
 
     def training_step(self, batch: WindowBatch, batch_index: int) -> Tensor:
-        frames, stage = _frames(batch), self.stage
-        loss = self.t1_loss(frames) if stage == "t1" else self.t5_loss(frames, self.network(frames, given=self.given))
-        self.log(f"train/loss_{stage}", loss, prog_bar=True, on_step=True, batch_size=len(frames))
+        future, stage, losses = batch["future"], self.stage, []
+        assert future is not None
+        for read in self._read(batch["seen"], _cells(future), future):
+            if stage == "t1":
+                losses.append(self.t1_loss(read.frames, read.judged))
+            else:
+                losses.append(self.t5_loss(read.frames, self.network(read.frames, given=self.given), read.judged))
+        loss = torch.stack(losses).mean()
+        self.log(f"train/loss_{stage}", loss, prog_bar=True, on_step=True, batch_size=len(batch["index"]))
         return loss
 
     def validation_step(self, batch: WindowBatch, batch_index: int) -> None:
-        frames, stage = _frames(batch), self.stage
-        predictions = self.network(frames, given=self.given)
-        loss = self.t1_loss(frames) if stage == "t1" else self.t5_loss(frames, predictions)
-        self.log(f"val/loss_{stage}", loss, batch_size=len(frames), sync_dist=True)
-        forecast = self._forecast(predictions[:, self.given :])
-        self.spread = torch.maximum(self.spread, forecast.probability.amax() - forecast.probability.amin())
-        self.score(batch, forecast)
+        seen, future, stage, losses, channels = batch["seen"], batch["future"], self.stage, [], []
+        assert future is not None
+        # As at test, the network is told where the ego is likeliest to go, not where it went.
+        for read in self._read(seen, self._told(seen, future["frames"].shape[1]), future):
+            predictions = self.network(read.frames, given=self.given)
+            made = self.view.probability(predictions[:, self.given :])  # before cells that are unknown come to it
+            self.spread = torch.maximum(self.spread, made.amax() - made.amin())
+            channels.append(read.back(predictions[:, self.given :]))
+            if stage == "t1":
+                losses.append(self.t1_loss(read.frames, read.judged))
+            else:
+                losses.append(self.t5_loss(read.frames, predictions, read.judged))
+        self.log(f"val/loss_{stage}", torch.stack(losses).mean(), batch_size=len(batch["index"]), sync_dist=True)
+        self.score(batch, self._forecast(channels))
 
     def on_validation_epoch_start(self) -> None:
         self.spread.zero_()
@@ -226,7 +274,13 @@ class PredNetForecaster(Forecaster):
                 rank_zero_info(f"resumed with other values than before, as the command says: {', '.join(changed)}")
 
 
-def _frames(batch: WindowBatch) -> Tensor:
-    """All frames (B, T, C, H, W) of windows with targets: those shown and those to come."""
-    assert batch["future"] is not None
-    return torch.cat([batch["seen"]["frames"], batch["future"]["frames"]], dim=1)
+def _cells(future: Future) -> list[Cells]:
+    """Where the future grids of each window lay."""
+    return [np.asarray(cells.cpu(), np.int64) for cells in future["centre_cell"]]
+
+
+def _mean(error: Tensor, judged: Tensor | None) -> Tensor:
+    """The mean of errors (B, T, C, H, W) over the cells `judged` (B, T, 1, H, W), or all."""
+    if judged is None:
+        return error.mean()
+    return (error * judged).sum() / (judged.sum() * error.shape[2]).clamp(min=1)

@@ -9,6 +9,8 @@ from envpred.cli.arguments import FitArguments, as_options, split_arguments
 from envpred.datamodules.variants import VARIANTS
 from envpred.errors import UserError
 from sweeps.runs.command import FIXED
+from sweeps.table.rollouts import ROLLOUT, ROWS, UNCHANGED, Row
+from sweeps.table.rollouts import options as rollout_options
 
 MAIN = "main"  # the store that the user gave
 STATIC, DYNAMIC = "dst_static", "dst_dogma"
@@ -99,6 +101,19 @@ SWITCHES = {
         "absolute errors in stage t+5, as in the paper", "network", STATIC, lambda c: {"model.t5_error": "absolute"}
     ),
     "squared_error": Switch("squared errors in stage t+5", "network", STATIC, lambda c: {"model.t5_error": "squared"}),
+    "fixed_frame": Switch(
+        "the ego's motion told: frames fixed on the last one shown",
+        "network",
+        STATIC,
+        lambda c: {"model.fixed_frame": True},
+    ),
+    "fixed_context": Switch(
+        "the same, and what enters read from the wide grid",
+        "network",
+        STATIC,
+        lambda c: {"model.fixed_frame": True, "model.context": True},
+        store=ROLLOUT,
+    ),
     "ground_velocity": Switch(
         "velocities relative to the ground (and the filter's numbers for it) instead of the ego",
         VELOCITIES,
@@ -111,48 +126,63 @@ SWITCHES = {
     "context_10": Switch("10 frames shown", "context_10", STATIC, _context(10), alone=True),
 }  # fmt: skip
 
+# Every name that --switches takes, and what it answers.
+QUESTIONS = {name: row.question for name, row in (SWITCHES | ROWS).items()}
+
 
 def make_plan(
     fit: list[str], tuned: Mapping[str, Path], variants: list[str], switches: list[str], seeds: list[int]
 ) -> list[Run]:
-    """The runs: every variant with each set of hyperparameters and seed, a baseline, then the switches.
+    """The runs: every variant with each set of hyperparameters and seed, a baseline, then switches and rollouts.
 
     Args:
         fit: options of `envpred fit` that all start from.
         tuned: variant -> tuned configuration; of `fit`, only what decides the windows and the trainer is set over it.
         variants: input variants of the table.
-        switches: names of the switches; they are run with the first seed, unless `fit` has them so already.
+        switches: names of switches and of the rollout's rows; they are run with the first seed, unless `fit` has them
+            so already.
         seeds: of initial weights and training windows.
 
     Raises:
         UserError: if a variant or switch is not known, or an option would be refused.
     """
-    for given, known, what in ((variants, VARIANTS, "variants"), (switches, SWITCHES, "switches")):
+    for given, known, what in ((variants, VARIANTS, "variants"), (switches, QUESTIONS, "switches")):
         unknown = [name for name in given if name not in known]
         if unknown or len(set(given)) < len(given):
             raise UserError(f"--{what} {given}: {unknown or 'named twice'}; there are {', '.join(known)}")
     if not seeds or len(set(seeds)) < len(seeds):
         raise UserError(f"--seeds {seeds}: give different numbers, at least one")
     base = ["--model=envpred.models.PredNetForecaster", *fit]
-    judged = _judged(fit, FitArguments([*base, "--data.store=."]).base)  # the store is not read here
+    config = FitArguments([*base, "--data.store=."]).base  # the store is not read here
+    judged = _judged(fit, config)
     runs = [
         Run(f"{variant}_{kind}_seed{seed}", ("variants",), MAIN, (*options, *_seeded(variant, seed)))
         for variant in variants
         for kind, options in _kinds(base, judged, tuned.get(variant))
         for seed in seeds
     ]
-    runs.append(Run("moved_last_frame", ("variants",), MAIN, ("--model=envpred.models.MovedLastFrame", *judged), False))
-    for name in switches:
+    rolled = [name for name in switches if name in ROWS]
+    groups = ("variants", ROLLOUT) if rolled else ("variants",)
+    runs.append(Run("moved_last_frame", groups, MAIN, ("--model=envpred.models.MovedLastFrame", *judged), False))
+    for name in (name for name in switches if name in SWITCHES):
         switch = SWITCHES[name]
         unchanged = (*base, *_seeded(switch.variant, seeds[0]))
         before = FitArguments([*unchanged, "--data.store=."])
         changes = switch.changes(before.base)
-        if switch.store == MAIN and all(before.values[argument] == value for argument, value in changes.items()):
+        if changes and all(before.values[argument] == value for argument, value in changes.items()):
             continue
         if not switch.alone:
             runs = _with_reference(runs, switch, seeds[0], unchanged)
         runs.append(Run(name, (switch.group,), switch.store, (*unchanged, *as_options(changes))))
+    for name in [ROLLOUT, *rolled] if rolled else []:
+        runs.append(_rollout(name, ROWS.get(name, UNCHANGED), judged, config, seeds[0]))
     return runs
+
+
+def _rollout(name: str, row: Row, judged: list[str], config: Mapping[str, Any], seed: int) -> Run:
+    """A row of the rollout."""
+    options = (*rollout_options(row, judged, config), *_seeded(STATIC, seed))
+    return Run(name, (ROLLOUT,), ROLLOUT, options, row.trains)
 
 
 def _with_reference(runs: list[Run], switch: Switch, seed: int, options: tuple[str, ...]) -> list[Run]:

@@ -9,10 +9,11 @@ import numpy as np
 
 from envpred.report.runs import read_run
 from sweeps.table.job import SECONDS, Job
-from sweeps.table.plan import SWITCHES
+from sweeps.table.plan import QUESTIONS
+from sweeps.table.rollouts import ROLLOUT, UNCHANGED
 
 SUMMARY = "sweep.md"
-SHOWN_S = (0.5, 1.0, 1.5)
+SHOWN_S = (0.1, 0.5, 1.0, 1.5)
 
 
 def summary(jobs: Sequence[Job], reports: Mapping[str, Path], failures: Sequence[str], folder: Path) -> str:
@@ -40,7 +41,6 @@ def _cells(job: Job) -> list[str]:
     ratios = [float(mse[k] / static[k]) for s in SHOWN_S for k in np.flatnonzero(np.isclose(run.horizon_s, s))]
     told = job.folder / SECONDS
     minutes = f"{json.loads(told.read_text()) / 60:.1f}" if told.is_file() else ""
-    switch = SWITCHES.get(job.run.name)
     return [
         job.run.name,
         str(run.record.get("seed")),
@@ -48,7 +48,7 @@ def _cells(job: Job) -> list[str]:
         *(f"{ratio:.3f}" for ratio in ratios),
         f"{mse.mean() / static.mean():.3f}",
         minutes,
-        switch.question if switch else "",
+        (QUESTIONS | {ROLLOUT: UNCHANGED.question}).get(job.run.name, ""),
     ]
 
 

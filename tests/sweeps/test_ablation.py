@@ -83,6 +83,36 @@ def test_from_the_plan_to_the_report_and_not_twice(
     assert "4 of 5 runs" in capsys.readouterr().out  # the baseline does not train
 
 
+def test_the_rollouts_rows_and_the_fixed_frame(
+    tmp_path: Path, called: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    drives, out = {name: list(range(40)) for name in "abc"}, tmp_path / "out"
+    store = write_store(tmp_path / "grids", drives, cells=32, dogma=True, context=64, frame="ground")
+    args = arguments(store, out, "--variants=[]", "--switches=[fixed_context,rollout_1_future,rollout_corrected]")
+    main(args)
+    tested = {line.removeprefix("test ") for line in called if line.startswith("test")}
+    assert tested == {
+        *("moved_last_frame", "dst_static_default_seed0", "fixed_context"),
+        *("rollout", "rollout_1_future", "rollout_corrected"),
+    }
+    assert not (out / "stores").exists()
+    text = (out / "sweep.md").read_text()
+    assert "| 0.1 s / static |" in text
+    assert "| the ego's likeliest future alone |" in text
+    table = (out / "report" / "rollout" / "methods.md").read_text()
+    assert "| rollout (dst_static), seed 0, rollout_1_future-" in table
+    assert "| moved_last_frame (dst_static) |" in table
+    (job,) = (out / "runs").glob("fixed_context-*")
+    told = json.loads((job / RESULT).read_text())["model"]["hyperparameters"]
+    assert (told["fixed_frame"], told["context"]) == (True, True)
+
+    called.clear()
+    capsys.readouterr()
+    main([*args, "--dry_run=true"])  # also what reads more than its variant is known to be done
+    assert "0 of 6 runs" in capsys.readouterr().out
+    assert called == []
+
+
 def test_results_of_other_grids_are_made_anew(tmp_path: Path, called: list[str]) -> None:
     args = ["--variants=[prob_static]", "--switches=[]", "--model.t5_epochs=0"]
     for seed in (0, 5):

@@ -18,6 +18,7 @@ from envpred.mapping.particle_state import GROUND, ParticleFilterParameters
 from envpred.store import Store
 from sweeps.table import stores
 from sweeps.table.plan import MAIN, SWITCHES, Run, make_plan
+from sweeps.table.rollouts import ROLLOUT, ROWS
 from tests.build import builds
 from tests.drives.synthetic import write_drive
 from tests.store.stores import write_store
@@ -66,6 +67,8 @@ def test_every_variant_is_run_with_every_seed_and_set_of_hyperparameters(tmp_pat
         ("feedback_current", {"feedback": "current"}),
         ("all_scored", {"first_scored": 1}),
         ("absolute_error", {"t5_error": "absolute"}),
+        ("fixed_frame", {"fixed_frame": True}),
+        ("fixed_context", {"fixed_frame": True, "context": True}),
         ("ground_velocity", {}),
         ("fewer_particles", {}),
         ("ransac", {}),
@@ -75,7 +78,8 @@ def test_every_variant_is_run_with_every_seed_and_set_of_hyperparameters(tmp_pat
 )
 def test_a_switch_changes_one_thing(name: str, changes: dict[str, Any]) -> None:
     assert changed(name) == changes
-    assert (SWITCHES[name].store == MAIN) == bool(changes)  # what changes nothing here changes the grids
+    # What changes nothing here changes the grids; the wide grid is both.
+    assert (SWITCHES[name].store == MAIN) == (bool(changes) and name != "fixed_context")
 
 
 def test_more_frames_shown_leave_those_forecast_as_many() -> None:
@@ -97,12 +101,42 @@ def test_a_switch_is_reported_beside_the_unchanged_run() -> None:
     assert together["ransac"] == {"ransac"}
 
 
+def test_a_row_of_the_rollout_changes_one_thing_of_it() -> None:
+    rows = {name: {name.removeprefix("model."): v for name, v in row.changes.items()} for name, row in ROWS.items()}
+    runs = planned(list(ROWS))
+    configs = {name: FitArguments([*runs[name].options, "--data.store=."]).base for name in [ROLLOUT, *ROWS]}
+    unchanged = configs[ROLLOUT]["model"]["init_args"]
+    assert (unchanged["futures"], unchanged["world"], unchanged["context"]) == (16, "hits", True)
+    assert unchanged["movers"]
+    for name, changes in rows.items():
+        found = configs[name]["model"]["init_args"]
+        if name != "rollout_corrected":
+            assert {key: value for key, value in found.items() if unchanged[key] != value} == changes
+            assert changes
+    for name, config in configs.items():
+        assert config["data"]["val"] == ["b"]  # judged as the others are
+        assert config["data"]["variant"] == "dst_static"
+        assert (runs[name].store, runs[name].trains) == (ROLLOUT, name == "rollout_corrected")
+    assert {name for name, run in runs.items() if ROLLOUT in run.groups} == {ROLLOUT, *ROWS, "moved_last_frame"}
+
+
+def test_the_network_on_top_of_the_rollout_is_trained_for_as_many_steps_as_prednet() -> None:
+    runs = planned(["rollout_corrected"], fit=[*FIT, "--data.samples=7"])
+    assert {ROLLOUT, "rollout_corrected"} < set(runs)  # beside what it starts from
+    config = FitArguments([*runs["rollout_corrected"].options, "--data.store=."]).base
+    assert config["model"]["class_path"].endswith("CorrectedRolloutForecaster")
+    assert (config["model"]["init_args"]["max_epochs"], config["data"]["samples"]) == (6, 7)
+    assert config["model"]["init_args"]["movers"]
+
+
 def test_what_the_configuration_has_already_is_left_out() -> None:
     names = ["all_scored", "forecasts_scored", "absolute_error", "squared_error", "t5_only", "context_3"]
     assert planned(names).keys() & set(names) == {"all_scored", "absolute_error", "t5_only", "context_3"}
     paper = [*FIT, "--model.first_scored=1", "--model.t5_error=absolute", "--model.t1_epochs=0", "--data.given=3"]
     found = planned(names, fit=[*paper, "--data.length=18"])
     assert found.keys() & set(names) == {"forecasts_scored", "squared_error"}
+    told = [*FIT, "--model.fixed_frame=true"]
+    assert planned(["fixed_frame", "fixed_context"], fit=told).keys() & set(SWITCHES) == {"fixed_context"}
 
 
 def test_what_is_not_known_is_refused() -> None:
@@ -148,6 +182,63 @@ def test_another_filter_is_all_that_differs(tmp_path: Path) -> None:
             assert ours["arrays"]["evidence"]["checksum"] == theirs["arrays"]["evidence"]["checksum"]
             assert ours["arrays"]["velocity"]["checksum"] != theirs["arrays"]["velocity"]["checksum"]
             drive.verify()
+
+
+def test_the_rollout_uses_the_store_if_it_has_what_it_needs(tmp_path: Path) -> None:
+    drives, out = {"a": list(range(6))}, tmp_path / "stores"
+    whole = write_store(tmp_path / "whole", drives, dogma=True, context=32, frame="ground")
+    assert stores.folder(ROLLOUT, whole, out) == whole
+    stores.check(ROLLOUT, whole, None, False)
+    assert stores.is_whole(ROLLOUT, whole, whole)
+    relative = write_store(tmp_path / "relative", drives, dogma=True, context=32, frame="ego")
+    narrow = write_store(tmp_path / "narrow", drives, dogma=True, frame="ground")
+    plain = write_store(tmp_path / "plain", drives, context=32)
+    assert {stores.folder(ROLLOUT, main, out) for main in (relative, narrow, plain)} == {out / ROLLOUT}
+    stores.check(ROLLOUT, relative, None, False)  # its wide grid can be copied
+    stores.check(ROLLOUT, plain, None, False)
+    with pytest.raises(
+        UserError, match="the store of rollout is mapped from the drives; give their folder as --source"
+    ):
+        stores.check(ROLLOUT, narrow, None, False)
+    stores.check(ROLLOUT, narrow, tmp_path, False)
+
+
+@pytest.mark.parametrize("dogma", [False, True])
+def test_the_rollouts_store_has_the_same_grids_and_ground_velocities(tmp_path: Path, dogma: bool) -> None:
+    main = write_store(tmp_path / "main", {"a": list(range(5)), "b": [*range(3), *range(5, 8)]}, context=32)
+    if dogma:
+        build_dogma(main, DogmaParameters(ParticleFilterParameters(2000, 200), tau=5), workers=1)
+    folder = tmp_path / "rollout"
+    stores.build(ROLLOUT, main, folder, None)
+    assert stores.is_whole(ROLLOUT, folder, main)
+    before, found = Store(main), Store(folder)
+    for group in ("mapping", "context"):
+        assert found.parameters(group) == before.parameters(group)
+    told = found.parameters("dogma")
+    assert told["filter"]["frame"] == "ground"
+    assert (told["filter"]["persistent"], told["tau"]) == ((2000, 5) if dogma else (200_000, DogmaParameters().tau))
+    for name, drive in found.drives.items():
+        for array in ("evidence", "context_evidence", "context_label"):
+            checksums = {d.manifest["arrays"][array]["checksum"] for d in (drive, before.drives[name])}
+            assert len(checksums) == 1
+        assert drive.context == before.drives[name].context
+        drive.verify()
+
+
+@pytest.mark.slow
+def test_a_wide_grid_is_mapped_from_the_drives(tmp_path: Path) -> None:
+    source, main = tmp_path / "drives", tmp_path / "main"
+    write_drive(source, "0001", frames=6, azimuths=90)
+    done = builds.run(source, main, "--workers=1", "--ground.cell=0.5")
+    assert done.returncode == 0, done.stderr
+    stores.build(ROLLOUT, main, tmp_path / "rollout", source)
+    assert stores.is_whole(ROLLOUT, tmp_path / "rollout", main)
+    before, found = Store(main), Store(tmp_path / "rollout")
+    assert found.parameters("mapping") == before.parameters("mapping")
+    assert found.parameters("context") == {"cells": 256}
+    for name, drive in found.drives.items():
+        mine, theirs = (d.manifest["arrays"]["evidence"]["checksum"] for d in (drive, before.drives[name]))
+        assert mine == theirs
 
 
 @pytest.mark.slow
