@@ -244,6 +244,12 @@ class PredNetForecaster(Forecaster):
                     f"--model.channels '{channels}': so many layers halve the grid {halvings} times, but the {what}'s "
                     f"side of {cells} cells is no multiple of {2**halvings}; give fewer"
                 )
+        first = int(self.hparams["first_scored"])
+        if stage == "fit" and not 0 <= first < self.dataset.length:
+            raise UserError(
+                f"--model.first_scored {first}: windows have frames 0 to {self.dataset.length - 1}, which leaves nothing "
+                "to train on; give one of these"
+            )
         if stage == "fit" and self.init_from and not self.trainer.ckpt_path:
             self._initialise(Path(self.init_from))
 

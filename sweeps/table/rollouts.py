@@ -1,4 +1,4 @@
-"""The rollout's rows of an ablation: one thing of it changed at a time, and the network on top of it."""
+"""The rollout's rows of an ablation: one thing of it changed at a time, and the networks in it and on top."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -18,7 +18,7 @@ class Row:
     Args:
         question: that it answers, for the reader of the summary.
         changes: arguments that are changed.
-        trains: whether a network is trained on top.
+        trains: whether a network is trained.
     """
 
     question: str
@@ -33,7 +33,10 @@ ROWS = {
     "rollout_label_world": Row("rays meet the last label grid instead of hit rates", {"model.world": "label"}),
     "rollout_no_context": Row("the judged grid alone instead of the wide one", {"model.context": False}),
     "rollout_no_movers": Row("a world that stands, without movers", {"model.movers": False}),
-    "rollout_corrected": Row("the residual on: a network trained on top", trains=True),
+    "rollout_corrected": Row("a network trained in it, which corrects the world that rays meet", trains=True),
+    "rollout_corrected_forecast": Row(
+        "a network trained on top, which corrects the forecast", {"model.corrects": "forecast"}, trains=True
+    ),
 }
 
 
@@ -43,7 +46,7 @@ def options(row: Row, judged: list[str], config: Mapping[str, Any]) -> list[str]
     Args:
         row: to be run.
         judged: options of the windows that are judged, and of the trainer.
-        config: complete configuration of the PredNet beside it, whose steps a network on top gets.
+        config: complete configuration of the PredNet beside it, whose steps a network gets.
     """
     given = [f"--config={shipped(CORRECTED if row.trains else CONFIG)}", *judged, *as_options(row.changes)]
     if not row.trains:

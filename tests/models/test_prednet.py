@@ -233,6 +233,12 @@ def test_dead_output_is_no_false_alarm_before_training(store: Path, tmp_path: Pa
     trainer(tmp_path, num_sanity_val_steps=1).fit(prednet(t1_epochs=1, t5_epochs=0), datamodule=grids(store))
 
 
+def test_a_loss_that_counts_no_frame_is_refused(store: Path, tmp_path: Path) -> None:
+    model = PredNetForecaster(channels=[4], first_scored=99)
+    with pytest.raises(UserError, match=r"--model\.first_scored 99: windows have frames 0 to \d+, which leaves nothing"):
+        trainer(tmp_path).fit(model, datamodule=grids(store))
+
+
 def test_a_grid_that_cannot_be_halved_so_often_is_refused(store: Path, tmp_path: Path) -> None:
     with pytest.raises(UserError, match="16 cells is no multiple of 32"):
         trainer(tmp_path).fit(prednet(channels=[2] * 5), datamodule=grids(store))
