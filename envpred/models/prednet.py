@@ -247,8 +247,8 @@ class PredNetForecaster(Forecaster):
         first = int(self.hparams["first_scored"])
         if stage == "fit" and not 0 <= first < self.dataset.length:
             raise UserError(
-                f"--model.first_scored {first}: windows have frames 0 to {self.dataset.length - 1}, which leaves nothing "
-                "to train on; give one of these"
+                f"--model.first_scored {first}: windows have frames 0 to {self.dataset.length - 1}, so that nothing is "
+                "left to train on; give one of these"
             )
         if stage == "fit" and self.init_from and not self.trainer.ckpt_path:
             self._initialise(Path(self.init_from))
