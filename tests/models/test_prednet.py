@@ -235,7 +235,7 @@ def test_dead_output_is_no_false_alarm_before_training(store: Path, tmp_path: Pa
 
 def test_a_loss_that_counts_no_frame_is_refused(store: Path, tmp_path: Path) -> None:
     model = PredNetForecaster(channels=[4], first_scored=99)
-    with pytest.raises(UserError, match=r"--model\.first_scored 99: windows have frames 0 to \d+, so that nothing is left"):
+    with pytest.raises(UserError, match=r"first_scored 99: windows have frames 0 to \d+, so that nothing is left"):
         trainer(tmp_path).fit(model, datamodule=grids(store))
 
 
