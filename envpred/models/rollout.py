@@ -23,7 +23,7 @@ from envpred.models.forecaster import Forecaster
 from envpred.models.parts import Parts, hide_unseen, whole_world
 
 Window = Mapping[str, NDArray[np.generic]]  # what is seen of one window, as arrays
-MANY, SOON = 1024, 4  # futures that tell how likely each cell is, and the frames ahead for which they do
+MANY, SOON = 512, 4  # futures that tell how likely each cell is, and the frames ahead for which they do
 
 
 class RolloutForecaster(Forecaster):
