@@ -25,12 +25,16 @@ def _pairs() -> list[Any]:
     data = sorted((REPOSITORY / "configs" / "data").glob("*.yaml"))
     pairs = [(model, STATIC) for model in models] + [(SMALL, variant) for variant in data if variant != STATIC]
     return [
-        # VGG-16 in full writes checkpoints of 1.6 GB.
         pytest.param(
-            model, variant, marks=pytest.mark.slow if model.stem == "fcn" else (), id=f"{model.stem}-{variant.stem}"
+            model, variant, marks=pytest.mark.slow if _is_slow(model) else (), id=f"{model.stem}-{variant.stem}"
         )
         for model, variant in pairs
     ]
+
+
+def _is_slow(model: Path) -> bool:
+    """VGG-16 in full writes checkpoints of 1.6 GB; the quick PredNets are the small one with other numbers."""
+    return model.stem == "fcn" or model.stem.startswith("prednet_quick")
 
 
 PAIRS = _pairs()

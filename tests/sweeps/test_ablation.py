@@ -83,6 +83,7 @@ def test_from_the_plan_to_the_report_and_not_twice(
     assert "4 of 5 runs" in capsys.readouterr().out  # the baseline does not train
 
 
+@pytest.mark.slow
 def test_the_rollouts_rows_and_the_fixed_frame(
     tmp_path: Path, called: list[str], capsys: pytest.CaptureFixture[str]
 ) -> None:
