@@ -22,8 +22,8 @@ SMALL = REPOSITORY / "configs" / "model" / "prednet_small.yaml"
 def _pairs() -> list[Any]:
     """Every model with one variant, and the small PredNet with every variant."""
     models = sorted((REPOSITORY / "configs" / "model").glob("*.yaml"))
-    data = sorted((REPOSITORY / "configs" / "data").glob("*.yaml"))
-    pairs = [(model, STATIC) for model in models] + [(SMALL, variant) for variant in data if variant != STATIC]
+    variants = sorted((REPOSITORY / "configs" / "data").glob("*.yaml"))
+    pairs = [(model, STATIC) for model in models] + [(SMALL, data) for data in variants if data != STATIC]
     return [
         pytest.param(
             model, variant, marks=pytest.mark.slow if _is_slow(model) else (), id=f"{model.stem}-{variant.stem}"
