@@ -28,7 +28,7 @@ RANGED = 6
 NUMBERS = 4 * FEATURES + 5 + 2 * RANGED
 LARGEST = np.float32(0.995)
 _RANGE = 20.0  # metres; ranges are counted in these
-NEAR = 2.25  # metres: who has moved less sees again what was seen from there
+NEAR = 1.1  # metres: from further away nothing counts of what was seen from there, see `World.near`
 _STOOD = 0.2  # metres: who has moved less has stood
 
 
