@@ -75,8 +75,8 @@ class Forecast(NamedTuple):
     Args:
         probability: (B, N, H, W) probability of occupied in [0, 1], what is judged.
         channels: (B, N, C, H, W) the variant's channels, if it forecasts them all.
-        samples: (B, K, N, H, W) equally likely futures, if it draws some; `probability` is about their mean, and may know
-            better (as the rollout, which weighs its ego futures).
+        samples: (B, K, N, H, W) equally likely futures, if it draws some; `probability` is about their mean, and may
+            know better (as the rollout, which weighs its ego futures).
     """
 
     probability: Tensor
