@@ -72,3 +72,17 @@ def test_a_corrected_world_looks_at_the_place_of_its_cells() -> None:
     before, after = network(channels, hit, (40, 40)), network(channels.roll((16, 16), (1, 2)), hit, (56, 56))
     assert (before - hit).abs().max() > 0.05
     assert (before - after).abs().mean() < 0.02, "but for group normalisation, which sees the rolled border"
+
+
+def test_a_world_is_corrected_alike_with_and_without_gradients() -> None:
+    """Without, horizon by horizon, and only in the box that is filled in; one of them is empty."""
+    torch.manual_seed(0)
+    network = WorldCorrection(given=3, horizons=3, width=8, fine=8, head=8)
+    torch.nn.init.normal_(network.leave.weight)
+    channels, hit = torch.rand(context_channels(3), 32, 48), torch.zeros(3, 20, 30)
+    hit[0, 3:9, 5:22], hit[1, :, 29] = torch.rand(6, 17), torch.rand(20)
+    whole = network(channels, hit, (5, 9))
+    with torch.no_grad():
+        boxes = network(channels, hit, (5, 9))
+    torch.testing.assert_close(boxes, whole)
+    assert (whole[0] - hit[0]).abs().max() > 0.05
