@@ -1,10 +1,11 @@
-"""What a rollout renders beside the forecast: expected masses and measurements."""
+"""What a rollout renders beside the forecast, and how its futures are weighed."""
 
 import numpy as np
 
 from envpred.mapping.geometry import GridSpec
 from envpred.mapping.rollout import Rollout, Scene
 from envpred.mapping.world import World
+from tests.mapping.test_rollout import NOTHING, ORIGIN_CELL, hits, small, still
 
 
 def test_what_is_rendered_is_what_the_forecast_is_made_of() -> None:
@@ -24,3 +25,19 @@ def test_what_is_rendered_is_what_the_forecast_is_made_of() -> None:
         assert rendered.min() > -1e-6
         assert (rendered[:, 0] + rendered[:, 1]).max() < 1 + 1e-5
         assert (rendered[:, 2] + rendered[:, 3]).max() < 1 + 1e-5
+
+
+def test_weights_are_those_of_the_futures_at_each_horizon() -> None:
+    """Two futures, one of which counts three quarters at the first horizon and all at the second."""
+    futures = np.stack([still(2)[0], still(2, x=1.0)[0]])
+    weights = np.array([[0.75, 1.0], [0.25, 0.0]])
+    wall = hits({(4, j): 1.0 for j in range(-3, 4)}, 32)
+    each = [small().expected(Scene(NOTHING, wall, ORIGIN_CELL, futures[[k]])) for k in (0, 1)]
+    found = small().expected(Scene(NOTHING, wall, ORIGIN_CELL, futures, weights=weights))
+    np.testing.assert_allclose(found[0], 0.75 * each[0][0] + 0.25 * each[1][0], atol=1e-6)
+    np.testing.assert_allclose(found[1], each[0][1], atol=1e-6)
+    # Futures that are alike are rolled once, for what they weigh together.
+    twice = Scene(
+        NOTHING, wall, ORIGIN_CELL, futures[[0, 1, 0]], weights=np.array([[0.5, 0.6], [0.25, 0.0], [0.25, 0.4]])
+    )
+    np.testing.assert_allclose(small().expected(twice), found, atol=1e-6)

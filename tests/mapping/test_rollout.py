@@ -289,19 +289,3 @@ def test_the_body_lies_in_the_frame_of_the_sensor_that_is_turned_in_it() -> None
     found = turned.expected(Scene(NOTHING, hits({}), ORIGIN_CELL, still(1)))[0]
     assert found[8, 8 + 4] == found[8, 8 + 3] == pytest.approx(1.0)
     assert found[8 + 3, 8] == pytest.approx(SEEN_FREE)
-
-
-def test_weights_are_those_of_the_futures_at_each_horizon() -> None:
-    """Two futures, one of which counts three quarters at the first horizon and all at the second."""
-    futures = np.stack([still(2)[0], still(2, x=1.0)[0]])
-    weights = np.array([[0.75, 1.0], [0.25, 0.0]])
-    wall = hits({(4, j): 1.0 for j in range(-3, 4)}, 32)
-    each = [small().expected(Scene(NOTHING, wall, ORIGIN_CELL, futures[[k]])) for k in (0, 1)]
-    found = small().expected(Scene(NOTHING, wall, ORIGIN_CELL, futures, weights=weights))
-    np.testing.assert_allclose(found[0], 0.75 * each[0][0] + 0.25 * each[1][0], atol=1e-6)
-    np.testing.assert_allclose(found[1], each[0][1], atol=1e-6)
-    # Futures that are alike are rolled once, for what they weigh together.
-    twice = Scene(
-        NOTHING, wall, ORIGIN_CELL, futures[[0, 1, 0]], weights=np.array([[0.5, 0.6], [0.25, 0.0], [0.25, 0.4]])
-    )
-    np.testing.assert_allclose(small().expected(twice), found, atol=1e-6)
