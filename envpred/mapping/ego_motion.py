@@ -160,8 +160,7 @@ def cell_weights(futures: FloatArray, many: FloatArray) -> FloatArray:
     K, N, _ = futures.shape
     weights = np.full((K, N), 1 / K)
     for h in range(min(N, many.shape[1])):
-        own, theirs = (np.floor(poses[:, h, :2] + 0.5) for poses in (futures, many))
-        cells = np.concatenate([own, theirs]).astype(np.int64)
+        cells = np.concatenate([cells_of(futures[:, h]), cells_of(many[:, h])])
         cells -= cells.min(axis=0)
         place = cells[:, 0] * (cells[:, 1].max() + 1) + cells[:, 1]
         visits, chance = (np.bincount(at, minlength=place.max() + 1) for at in (place[:K], place[K:]))
@@ -228,6 +227,19 @@ def in_cells(poses: FloatArray, origin: FloatArray, resolution: float) -> FloatA
     """`poses` (..., 3) in metres and radians as poses in cells of the lattice whose cell (0, 0) lies at `origin`."""
     poses = np.asarray(poses, np.float64)
     return np.concatenate([(poses[..., :2] - origin) / resolution, poses[..., 2:]], axis=-1)
+
+
+def cells_of(poses: FloatArray) -> NDArray[np.int64]:
+    """The lattice cells (..., 2) that hold `poses` (..., 3) in cells and radians."""
+    return np.floor(poses[..., :2] + 0.5).astype(np.int64)
+
+
+def centre_offset(centre_cells: NDArray[np.integer], poses: FloatArray) -> NDArray[np.int64]:
+    """Centre cells (T, 2) of grids less the cells that hold the ego at `poses` (T, 3): (2,) cells.
+
+    It is 0, but for windows that are turned or cut out.
+    """
+    return np.asarray(np.median(centre_cells - cells_of(poses), axis=0), np.int64)
 
 
 def _seen(poses: FloatArray, times: FloatArray, horizons: int, motion: EgoMotion, resolution: float) -> Seen:

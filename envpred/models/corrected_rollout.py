@@ -16,7 +16,7 @@ from envpred.mapping.geometry import FREE, OCCUPIED, FloatArray
 from envpred.mapping.rollout import Scene
 from envpred.mapping.shift import shifted
 from envpred.models.parts import Parts
-from envpred.models.rollout import RolloutForecaster, Window
+from envpred.models.rollout import RolloutForecaster, Window, threads
 from envpred.models.samples import recentred
 from envpred.networks.correction import FACTOR, LEAST, Canvas, Correction, WorldCorrection
 from envpred.networks.muon import Muon
@@ -110,7 +110,7 @@ class CorrectedRolloutForecaster(RolloutForecaster):
     def _corrected(self, seen: Seen, horizons: int, which: Tensor, standing: float = 1.0) -> Tensor:
         """Probabilities (B, len(which), H, W) at the horizons `which` (0 is the first) of `horizons` rolled out."""
         windows = [self._window(seen, b) for b in range(len(seen["pose"]))]
-        with ThreadPoolExecutor(max(1, torch.get_num_threads())) as pool:
+        with threads() as pool:
             return torch.stack([self._correct(window, horizons, which, standing, pool) for window in windows])
 
     def _correct(
@@ -161,7 +161,7 @@ class CorrectedRolloutForecaster(RolloutForecaster):
 
         def back(by: NDArray[np.float32], hit: NDArray[np.float32]) -> NDArray[np.float32]:
             corrected = scene._replace(world=replace(scene.world, hit=hit))
-            with ThreadPoolExecutor(max(1, torch.get_num_threads())) as again:  # the forecast's own is closed by now
+            with threads() as again:  # the forecast's own is closed by now
                 return sensor.gradient(by[:, None], corrected, again.map, offset)
 
         rendered: Tensor = Rendering.apply(hit, render, back)  # type: ignore[no-untyped-call]

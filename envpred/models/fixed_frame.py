@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from envpred.datamodules import Future, Seen
-from envpred.mapping.ego_motion import EgoMotion, ego_futures
+from envpred.mapping.ego_motion import EgoMotion, cells_of, centre_offset, ego_futures
 from envpred.mapping.shift import placed
 
 MARGIN = 8  # cells that are read around where future grids lie
@@ -125,13 +125,6 @@ def likeliest_cells(seen: Seen, b: int, horizons: int) -> Cells:
     """Lattice cells (horizons, 2) at the centres of window `b`'s future grids, by the ego's likeliest future."""
     pose, time = (np.asarray(value[b].cpu(), np.float64) for value in (seen["pose"], seen["time"]))
     centre = np.asarray(seen["centre_cell"][b].cpu(), np.int64)
-    # Of windows that are turned or cut out, the centre does not lie where the ego is.
-    offset = np.median(centre - _cells(pose), axis=0).astype(np.int64)
     resolution, unused = float(seen["resolution"][b]), np.random.default_rng(0)
     (likeliest,) = ego_futures(pose, time, horizons, 1, unused, EgoMotion(), resolution)
-    return np.asarray(_cells(likeliest) + offset, np.int64)
-
-
-def _cells(poses: NDArray[np.float64]) -> Cells:
-    """The lattice cells (N, 2) that hold `poses` (N, 3)."""
-    return np.asarray(np.floor(poses[:, :2] + 0.5), np.int64)
+    return cells_of(likeliest) + centre_offset(centre, pose)

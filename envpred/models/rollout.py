@@ -13,7 +13,7 @@ from torch import Tensor
 from envpred.datamodules import Forecast, Needs, Role, Seen
 from envpred.errors import UserError
 from envpred.mapping import hit_rates
-from envpred.mapping.ego_motion import EgoMotion, cell_weights, ego_futures
+from envpred.mapping.ego_motion import EgoMotion, cell_weights, cells_of, centre_offset, ego_futures
 from envpred.mapping.evidence import PAPER
 from envpred.mapping.geometry import FloatArray, GridSpec
 from envpred.mapping.movers import Movers, Moving
@@ -24,6 +24,11 @@ from envpred.models.parts import Parts, hide_unseen, whole_world
 
 Window = Mapping[str, NDArray[np.generic]]  # what is seen of one window, as arrays
 MANY, SOON = 512, 4  # futures that tell how likely each cell is, and the frames ahead for which they do
+
+
+def threads() -> ThreadPoolExecutor:
+    """As many threads as torch takes, for the rays."""
+    return ThreadPoolExecutor(max(1, torch.get_num_threads()))
 
 
 class RolloutForecaster(Forecaster):
@@ -75,7 +80,7 @@ class RolloutForecaster(Forecaster):
 
     def forecast(self, seen: Seen, horizons: int) -> Forecast:
         windows = [self._window(seen, b) for b in range(len(seen["pose"]))]
-        with ThreadPoolExecutor(max(1, torch.get_num_threads())) as pool:
+        with threads() as pool:
             found = [self._rolled(window, self.ego(window, horizons), pool) for window in windows]
         device = seen["pose"].device
         probability = torch.from_numpy(np.stack([mean for mean, _ in found])).to(device)
@@ -85,7 +90,7 @@ class RolloutForecaster(Forecaster):
     def parts(self, seen: Seen, horizons: int) -> Parts:
         """What the forecast is made of."""
         worlds, rendered = [], []
-        with ThreadPoolExecutor(max(1, torch.get_num_threads())) as pool:
+        with threads() as pool:
             for window in (self._window(seen, b) for b in range(len(seen["pose"]))):
                 futures, offset = self.ego(window, horizons), self.offset(window)
                 scene, _ = self._scene(window, futures)
@@ -94,24 +99,26 @@ class RolloutForecaster(Forecaster):
                 centre, half = np.asarray(scene.centre_cell, np.int64), scene.mass.shape[-1] // 2
                 times = horizons, float(window["period"]), float(window["resolution"])
                 worlds.append(whole_world(scene.world, scene.movers, centre, times))
-                places = np.floor(futures[..., :2] + 0.5).astype(np.int64) + offset - centre + scene.world.cells // 2
+                places = cells_of(futures) + offset - centre + scene.world.cells // 2
                 hide_unseen(worlds[-1], places.min(axis=0) - half, places.max(axis=0) + half)
         device = seen["pose"].device
         return Parts(*(torch.from_numpy(np.stack(grids)).to(device) for grids in (worlds, rendered)))
 
     def ego(self, window: Window, horizons: int) -> FloatArray:
         """Futures (K, horizons, 3) of the ego: x and y in cells of the lattice, heading in radians."""
-        poses, times = np.asarray(window["pose"], np.float64), np.asarray(window["time"], np.float64)
-        generator, resolution = np.random.default_rng(self.hparams["seed"]), float(window["resolution"])
-        return ego_futures(poses, times, horizons, self.hparams["futures"], generator, EgoMotion(), resolution)
+        return self._drawn(window, horizons, self.hparams["futures"], np.random.default_rng(self.hparams["seed"]))
 
     def weights(self, window: Window, futures: FloatArray) -> FloatArray | None:
         """Weights (K, N) of the `futures`, see `ego_motion.cell_weights`; None if all count alike."""
         if len(futures) == 1:
             return None
+        many = self._drawn(window, SOON, MANY, np.random.default_rng([self.hparams["seed"], 2]))
+        return cell_weights(futures, many)
+
+    def _drawn(self, window: Window, horizons: int, count: int, generator: np.random.Generator) -> FloatArray:
+        """So many futures (count, horizons, 3) of the ego."""
         poses, times = np.asarray(window["pose"], np.float64), np.asarray(window["time"], np.float64)
-        generator, resolution = np.random.default_rng([self.hparams["seed"], 2]), float(window["resolution"])
-        return cell_weights(futures, ego_futures(poses, times, SOON, MANY, generator, EgoMotion(), resolution))
+        return ego_futures(poses, times, horizons, count, generator, EgoMotion(), float(window["resolution"]))
 
     def _rolled(
         self, window: Window, futures: FloatArray, pool: ThreadPoolExecutor
@@ -125,9 +132,9 @@ class RolloutForecaster(Forecaster):
 
     def offset(self, window: Window) -> tuple[int, int]:
         """Centre cells of grids less the cells that hold the ego: 0, but for windows that are turned or cut out."""
-        cells = np.floor(np.asarray(window["pose"], np.float64)[:, :2] + 0.5)
-        east, north = np.median(np.asarray(window["centre_cell"], np.int64) - cells, axis=0)
-        return int(east), int(north)
+        centre_cells, poses = np.asarray(window["centre_cell"], np.int64), np.asarray(window["pose"], np.float64)
+        east, north = centre_offset(centre_cells, poses).tolist()
+        return east, north
 
     def _sensor(self, window: Window) -> Rollout:
         """The sensor and the mapping that the future is measured with."""
