@@ -2,7 +2,6 @@
 # From drives to a report on two cores: `make demo`, or `make demo KITTI=folder` on real drives.
 # What is there already is kept, so an interrupted demo goes on where it was.
 set -euo pipefail
-repository=$(cd "$(dirname "$0")" && pwd)
 mkdir -p "${DEMO:=demo}"
 if [ -n "${KITTI:-}" ]; then
   drives=$(cd "$KITTI" && pwd)
@@ -14,18 +13,17 @@ else
 fi
 envpred grids --source "$drives" --store grids --context 256 --particle_forecast '[all]'
 
-configs=$repository/configs
-common=(--config "$configs/data/dst_static.yaml" --data.store grids --trainer.enable_model_summary false)
+common=(--config dst_static --data.store grids --trainer.enable_model_summary false)
 
 fit() { # a model's configuration, the name of its runs; goes on where it stopped, and does nothing if it is finished
-  local run=runs/$2/dst_static resume=()
+  local run=runs/fit/$2/dst_static resume=()
   [ -f "$run/finished" ] && return
   [ -n "$(find "$run" -name last.ckpt 2>/dev/null)" ] && resume=(--ckpt_path last)
-  envpred fit --config "$configs/model/$1.yaml" "${common[@]}" "${resume[@]}"
+  envpred fit --config "$1" "${common[@]}" "${resume[@]}"
   touch "$run/finished"
 }
 evaluate() { # a model's configuration, options; its result is the newest in its folder
-  envpred test --config "$configs/model/$1.yaml" "${common[@]}" --trainer.enable_progress_bar false "${@:2}"
+  envpred test --config "$1" "${common[@]}" --trainer.enable_progress_bar false "${@:2}"
 }
 
 fit prednet_small prednet
@@ -47,7 +45,7 @@ evaluate rollout_static
 results=()
 for model in prednet fcn last_frame moved_last_frame moved_last_frame_oracle particle_forecast rollout \
   corrected_rollout; do
-  results+=("$(find runs/$model -name result.json | sort -V | tail -1)")
+  results+=("$(find runs/test/$model -name result.json | sort -V | tail -1)")
 done
 envpred report "${results[@]}" --out report
 cat report/methods.md
@@ -55,5 +53,5 @@ cat <<END
 
 report, with curves, picture strips and animations: $DEMO/report/report.html
 error curve:                                        $DEMO/report/error.png
-the training:                                       tensorboard --logdir $DEMO/runs
+the training:                                       tensorboard --logdir $DEMO/runs/fit
 END

@@ -3,21 +3,19 @@
 Validate, test and predict take the same ones, so what is read here holds for them, too.
 """
 
-import contextlib
 import difflib
-import io
-import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import yaml
 
-from envpred.cli.lightning import EnvpredCLI, lightning
+from envpred.cli.lightning import EnvpredCLI, as_parsed, lightning
 from envpred.errors import UserError
 from envpred.store.files import flat
 
 # First parts of the names of its options: each is the name itself, or starts with it and a dot.
 OPTIONS = ("config", "seed_everything", "trainer", "model", "data", "predictions", "results")
+RUN = ("name", "out")  # where a run lies, which whoever starts many decides
 
 
 class _ReadOnly(EnvpredCLI):
@@ -51,8 +49,7 @@ class FitArguments:
 
     def __init__(self, args: list[str]) -> None:
         self.args = args
-        with _one_line():
-            self.parser = lightning(args, _ReadOnly, run=False).parser
+        self.parser = lightning(args, _ReadOnly, run=False).parser
         self.base = self.complete({})
         self.values = {_without_init_args(name): value for name, value in flat(self.base).items()}
 
@@ -62,10 +59,9 @@ class FitArguments:
         Raises:
             UserError: as `envpred fit` would refuse them.
         """
-        with _one_line():
-            config = self.parser.parse_args([*self.args, *as_options(arguments)])
-            plain: dict[str, Any] = yaml.safe_load(self.parser.dump(config, skip_unset=False))
-        return plain
+        config = self.parser.parse_args(as_parsed([*self.args, *as_options(arguments)]))
+        plain: dict[str, Any] = yaml.safe_load(self.parser.dump(config, skip_unset=False))
+        return {name: value for name, value in plain.items() if name not in RUN}
 
     def check_names(self, names: Iterable[str], where: str) -> None:
         """Refuse a name that `envpred fit` does not take with this model.
@@ -114,18 +110,3 @@ def _text(value: Any) -> str:
 def _without_init_args(name: str) -> str:
     """A dotted name as it may be given on the command line."""
     return name.replace(".init_args.", ".")
-
-
-@contextlib.contextmanager
-def _one_line() -> Iterator[None]:
-    """Turn the parser's way out, usage and all, into its one line."""
-    said = io.StringIO()
-    try:
-        with contextlib.redirect_stderr(said):
-            yield
-    except SystemExit:
-        lines = [line for line in said.getvalue().splitlines() if line.strip()]
-        first = next((n for n, line in enumerate(lines) if "error:" in line), 0)
-        text = " ".join(line.strip() for line in lines[first:]).split("error:", 1)[-1].strip()
-        inner = re.search(r"Problem with given class_path '[^']*': (.*?) - Expected a <class 'NoneType'>", text)
-        raise UserError(inner.group(1).strip() if inner else text) from None

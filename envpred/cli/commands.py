@@ -1,8 +1,7 @@
 """Our own commands, as functions: their arguments are the command line's."""
 
-from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -15,7 +14,6 @@ from envpred.mapping.geometry import GridSpec
 from envpred.mapping.ground import GroundSegmenter, MarkovRandomField, RansacPlane
 from envpred.mapping.label_grid import RayCasting
 from envpred.mapping.mapper import MappingParameters
-from envpred.simulate.commands import realism, record, scan, simulate, traffic
 from envpred.store import Store, StoredDrive
 
 if TYPE_CHECKING:  # it brings torch along, which only some commands need
@@ -210,27 +208,3 @@ def draw(
     from envpred.cli.draw import draw as draw_window
 
     print(draw_window(predictions, out, window, store, source, horizons))
-
-
-COMMANDS: dict[str, Callable[..., Any]] = {
-    "grids": grids,
-    "verify": verify,
-    "ground": ground,
-    "show": show,
-    "velocity": velocity,
-    "report": report,
-    "draw": draw,
-    "simulate": simulate,
-    "realism": realism,
-    "record": record,
-    "scan": scan,
-    "traffic": traffic,
-}
-
-# Arguments that are given without a name: command -> (argument, how many).
-POSITIONAL: dict[str, tuple[str, str | None]] = {
-    "report": ("runs", "+"),
-    "draw": ("predictions", "+"),
-    "simulate": ("out", None),
-    "record": ("out", None),
-}

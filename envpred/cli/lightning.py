@@ -1,47 +1,58 @@
-"""The command line: Lightning's fit, validate, test and predict, and our own commands in the same style.
-
-envpred grids --source KITTI --store grids/
-envpred fit --config configs/model/prednet.yaml --config configs/data/dst_static.yaml --data.store grids/
-"""
+"""Lightning's fit, validate, test and predict, with our folders, checkpoints and messages."""
 
 import logging
 import sys
 import warnings
-from argparse import RawDescriptionHelpFormatter
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import torch
-from jsonargparse import DefaultHelpFormatter, Namespace
+from jsonargparse import Namespace
 from lightning.pytorch.cli import LightningArgumentParser, LightningCLI
 
-from envpred import __version__
 from envpred.callbacks import Pictures, PredictionWriter, ResultWriter, Validations
-from envpred.cli.commands import COMMANDS
 from envpred.cli.configs import portable
+from envpred.cli.help import DATA, RUN
+from envpred.cli.mistakes import Strict
+from envpred.cli.registry import LIGHTNING
+from envpred.cli.shipped import COMPLETE
+from envpred.cli.signatures import options
+from envpred.cli.tokens import plain
 from envpred.datamodules import GridDataModule
 from envpred.errors import UserError
 from envpred.models import Forecaster
 from envpred.models.checkpoints import read_checkpoint
 from envpred.results.result import short_name
 
-RUNS = Path("runs")
 
-
-class HelpFormatter(DefaultHelpFormatter, RawDescriptionHelpFormatter):
-    """Help whose list of commands keeps its lines."""
+class _Parser(Strict, LightningArgumentParser):
+    """Lightning's parser, with our messages."""
 
 
 class EnvpredCLI(LightningCLI):
-    """LightningCLI whose checkpoints never replace what the user says, and whose runs lie in runs/<model>/<variant>."""
+    """LightningCLI whose checkpoints never replace what the user says; runs lie in OUT/COMMAND/<model>/<variant>."""
 
     untrained = False  # whether --ckpt_path none was given
+    placed = False  # whether the run's folder is ours to choose
+
+    def __init__(self, *positional: Any, **named: Any) -> None:
+        given = named["args"][:1]
+        self.command = given[0] if given and given[0] in LIGHTNING else "fit"
+        super().__init__(*positional, **named)
+
+    def init_parser(self, **kwargs: Any) -> LightningArgumentParser:
+        parser = _Parser(**kwargs)
+        parser.command = self.command
+        parser.add_argument("-c", "--config", action="config", help="path to a configuration file in YAML")
+        return parser
 
     def add_arguments_to_parser(self, parser: LightningArgumentParser) -> None:
         parser.link_arguments("data.variant", "model.init_args.variant")
         parser.link_arguments("data.given", "model.init_args.given")
         parser.add_lightning_class_args(PredictionWriter, "predictions")
         parser.add_lightning_class_args(ResultWriter, "results")
+        parser.add_argument("--name", type=str | None, default=None, help=RUN["name"].text)
+        parser.add_argument("--out", type=Path, default=Path("runs"), help=RUN["out"].text)
 
     def _parse_ckpt_path(self) -> None:
         """Find the checkpoint that `best` and `last` stand for, and refuse what is none.
@@ -65,32 +76,37 @@ class EnvpredCLI(LightningCLI):
         options["weights_only"] = True
 
     def before_instantiate_classes(self) -> None:
-        """Log to runs/<model>/<variant>, a resumed run into its own folder; keep no prediction in memory."""
-        options = self.config[self.subcommand] if self.subcommand else self.config
+        """Log to OUT/COMMAND/<model>/<variant>, a resumed run into its own folder; keep no prediction in memory."""
+        options = self._options
         if self.subcommand == "predict":
             options.return_predictions = False  # they are on the disk
+        name, options.name = options.name, None  # another run of the same configuration has another name
         if options.trainer.logger in (None, True):
-            name, version = f"{self._model_name()}/{options.data.variant}", None
+            place = self._place("fit" if self.subcommand is None else self.subcommand)
             checkpoint = options.get("ckpt_path")
             if self.subcommand == "fit" and checkpoint and Path(checkpoint).parent.name == "checkpoints":
                 run = Path(checkpoint).resolve().parents[1]
-                if run.parent == (RUNS / name).resolve():
-                    version = run.name
+                if run.parent == place.resolve() and name in (None, run.name):
+                    place, name = run.parent, run.name
+            elif name is not None and (place / name).exists():
+                raise UserError(f"{place / name}: is there already; give another --name, or remove it")
+            self.placed = True
             options.trainer.logger = Namespace(
                 class_path="lightning.pytorch.loggers.TensorBoardLogger",
-                init_args=Namespace(save_dir=str(RUNS), name=name, version=version, default_hp_metric=False),
+                init_args=Namespace(save_dir=str(place), name="", version=name, default_hp_metric=False),
             )
 
     def after_instantiate_classes(self) -> None:
         """Refuse random weights, and leave the schedule to the model: Lightning would warn of 1000 epochs."""
         self._check_weights()
+        if self.placed:  # what is saved of the configuration is for runs in other places, too
+            self._options.trainer.logger = None
         if self.subcommand == "fit" and self.config.fit.trainer.max_epochs is None and self.model.epochs is not None:
             self.trainer.fit_loop.max_epochs = self.model.epochs
 
     def _check_weights(self) -> None:
         """Refuse to judge weights that nobody has trained, unless that is asked for."""
-        options = self.config[self.subcommand] if self.subcommand else self.config
-        if self.subcommand in (None, "fit") or options.get("ckpt_path") or self.untrained or self.model.is_fixed:
+        if self.subcommand in (None, "fit") or self._options.get("ckpt_path") or self.untrained or self.model.is_fixed:
             return
         try:
             hint = f"give --ckpt_path {self._newest('best')}"
@@ -101,24 +117,32 @@ class EnvpredCLI(LightningCLI):
             f"{hint} (or --ckpt_path none, for random weights on purpose)"
         )
 
-    def _model_name(self) -> str:
-        options = self.config[self.config.subcommand] if self.config.subcommand else self.config
-        return _short(options.model.class_path)
+    @property
+    def _options(self) -> Namespace:
+        """The configuration of the subcommand."""
+        subcommand = self.config.get("subcommand")
+        chosen: Namespace = self.config[subcommand] if subcommand else self.config
+        return chosen
+
+    def _place(self, subcommand: str) -> Path:
+        """The folder of the runs of a subcommand with this model and variant."""
+        model = short_name(self._options.model.class_path.rsplit(".", 1)[1])
+        return Path(self._options.out) / subcommand / model / str(self._options.data.variant)
 
     def _newest(self, which: str) -> Path:
-        """The newest `best` or `last` checkpoint among the runs of this model and variant."""
-        variant: str = self.config[self.config.subcommand].data.variant
-        folder = RUNS / self._model_name() / variant
+        """The `best` or `last` checkpoint of the fit of this model and variant that wrote one last."""
         wanted = ("best.ckpt", "best_t1.ckpt") if which == "best" else ("last.ckpt",)
-        for run in sorted(folder.glob("version_*"), key=lambda f: int(f.name.split("_")[1]), reverse=True):
+        place = self._place("fit")
+        for run in sorted(place.glob("*/checkpoints"), key=_written, reverse=True):
             for name in wanted:
-                if (run / "checkpoints" / name).is_file():
-                    return run / "checkpoints" / name
-        raise UserError(f"{folder}: no run with a checkpoint {wanted[0]}; run `envpred fit` first, or give its path")
+                if (run / name).is_file():
+                    return run / name
+        raise UserError(f"{place}: no run with a checkpoint {wanted[0]}; run `envpred fit` first, or give its path")
 
 
-def _short(class_path: str) -> str:
-    return short_name(class_path.rsplit(".", 1)[1])
+def _written(folder: Path) -> int:
+    """When a checkpoint was last written into a folder."""
+    return max((file.stat().st_mtime_ns for file in folder.glob("*.ckpt")), default=0)
 
 
 C = TypeVar("C", bound=EnvpredCLI)
@@ -140,22 +164,18 @@ def lightning(args: list[str] | None = None, kind: type[C] = EnvpredCLI, run: bo
         load_from_checkpoint_support=False,
         save_config_kwargs={"overwrite": True},
         trainer_defaults={"callbacks": [Pictures(), Validations()], "log_every_n_steps": 10},
-        parser_kwargs={
-            "prog": "envpred",
-            "version": __version__,
-            "epilog": _epilog(),
-            "formatter_class": HelpFormatter,
-        },
-        args=portable(sys.argv[1:] if args is None else args),
+        parser_kwargs={"prog": "envpred"},
+        args=as_parsed(sys.argv[1:] if args is None else args),
         run=run,
     )
+
+
+def as_parsed(args: list[str]) -> list[str]:
+    """A command line as its parser takes it, see `envpred.cli.tokens` and `envpred.cli.configs`."""
+    tokens = ["--help" if token == "--help_all" else token for token in args]
+    return portable(plain(tokens, [*options(DATA, "data."), *RUN.values()], COMPLETE))
 
 
 def _no_advertisement(record: logging.LogRecord) -> bool:
     """Whether a line of Lightning's says something about the run, rather than about its makers' other products."""
     return "Tip: For seamless" not in record.getMessage()
-
-
-def _epilog() -> str:
-    lines = [f"  {name:10} {(function.__doc__ or '').splitlines()[0]}" for name, function in COMMANDS.items()]
-    return "more commands (each with its own --help):\n" + "\n".join(lines)

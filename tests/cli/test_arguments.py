@@ -35,7 +35,7 @@ def test_options_are_what_the_command_line_takes() -> None:
 def test_a_mistake_of_the_base_is_one_line(fit: FitArguments) -> None:
     with pytest.raises(UserError) as error:
         FitArguments([*fit.args, "--data.samples=many"])
-    assert str(error.value).startswith('Parser key "data.samples"')
+    assert str(error.value).startswith("--data.samples: Expected a int")
     assert "usage" not in str(error.value)
 
 

@@ -8,6 +8,7 @@ import yaml
 
 from envpred.cli import main
 from envpred.cli.configs import portable
+from envpred.cli.registry import LIGHTNING
 from envpred.results.result import RESULT
 from tests.store.stores import write_store
 
@@ -19,17 +20,17 @@ def test_every_subcommand_reads_what_every_other_saved(tmp_path: Path, monkeypat
     write_store(tmp_path / "grids", {name: list(range(40)) for name in "abc"})
     model = ["--model=PredNetForecaster", "--model.channels=[4]", "--model.t1_epochs=1", "--model.t5_epochs=1"]
     main(["fit", *model, "--data.store=grids", "--data.samples=2", *QUIET])
-    run = tmp_path / "runs" / "prednet" / "dst_static"
-    saved = {"fit": run / "version_0" / "config.yaml"}
-    for number, command in enumerate(("validate", "test", "predict"), 1):
+    runs = {command: tmp_path / "runs" / command / "prednet" / "dst_static" / "version_0" for command in LIGHTNING}
+    saved = {"fit": runs["fit"] / "config.yaml"}
+    for command in ("validate", "test", "predict"):
         main([command, "--config", str(saved["fit"]), "--ckpt_path=best"])
-        saved[command] = run / f"version_{number}" / "config.yaml"
+        saved[command] = runs[command] / "config.yaml"
     for made_by, file in saved.items():
         for command in ("fit", "validate", "test", "predict"):
             weights = [] if command == "fit" else ["--ckpt_path=best"]
             main([command, "--config", str(file), "--trainer.fast_dev_run=true", *weights])
         assert yaml.safe_load(file.read_text())["data"]["store"] == "grids", made_by
-    tested = json.loads((run / "version_2" / RESULT).read_text())
+    tested = json.loads((runs["test"] / RESULT).read_text())
     assert Path(tested["checkpoint"]).name == "best.ckpt"
 
 

@@ -45,21 +45,20 @@ def test_the_example_of_a_forecaster_is_short() -> None:
 def test_a_forecaster_of_ones_own_goes_all_the_way(folder: Path, store: Path) -> None:
     data = [f"--data.store={store}", "--data.samples=4", "--data.crop=8", "--data.augment=true", *QUIET]
     main(["fit", FORECASTER, *data, "--trainer.max_epochs=2"])
-    run = folder / "runs" / "context" / "dst_static"
-    best = run / "version_0" / "checkpoints" / "best.ckpt"
+    best = folder / "runs" / "fit" / "context" / "dst_static" / "version_0" / "checkpoints" / "best.ckpt"
     assert best.is_file()
     for command in ("validate", "test", "predict"):
         main([command, FORECASTER, *data, "--ckpt_path=best"])
     main(["test", "--model=envpred.models.LastFrame", *data])
-    (result,) = run.glob(f"*/{RESULT}")
+    (result,) = (folder / "runs" / "test" / "context").rglob(RESULT)
     told = json.loads(result.read_text())
     assert (told["role"], told["model"]["name"]) == ("learned", "context")
     assert told["model"]["flops"] > 0
     assert set(told["data"]["input_hash"]) == {"velocity", "context_label", "context_evidence"}
-    (static,) = (folder / "runs" / "last_frame").rglob(RESULT)
+    (static,) = (folder / "runs" / "test" / "last_frame").rglob(RESULT)
     main(["report", str(result), str(static), "--out", "report"])
     assert "context (dst_static)" in (folder / "report" / "methods.md").read_text()
-    (manifest,) = run.glob("*/predictions/manifest.json")
+    (manifest,) = (folder / "runs" / "predict").rglob("manifest.json")
     main(["draw", str(manifest.parent), "--store", str(store), "--out", "strip.png"])
     assert (folder / "strip.png").stat().st_size > 1000
     forecast = Predictions(manifest.parent).forecast(0)

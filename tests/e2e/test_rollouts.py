@@ -34,7 +34,7 @@ def test_tensorboard_shows_what_a_corrected_rollout_is_made_of() -> None:
     """Also beside the results of a test; a rollout without a network lacks the row of its correction."""
     fit = [*configured("corrected_rollout"), "--data.samples=1", "--data.val=[b@-20]", "--data.crop=32"]
     main(["fit", *fit, "--trainer.max_epochs=1"])
-    run = Path("runs/corrected_rollout/dst_static/version_0")
+    run = Path("runs/fit/corrected_rollout/dst_static/version_0")
     (image,) = EventAccumulator(str(run)).Reload().Images("window_0/rollout")
     picture = PIL.Image.open(io.BytesIO(image.encoded_image_string))
     main(["test", *fit, "--ckpt_path=best"])
@@ -43,7 +43,7 @@ def test_tensorboard_shows_what_a_corrected_rollout_is_made_of() -> None:
     heights = [shown.height / shown.width for shown in (picture, *found)]
     assert heights[0] == pytest.approx(heights[1], rel=0.02)
     assert heights[2] < 0.9 * heights[1]
-    result = json.loads(next(Path("runs/rollout").rglob(RESULT)).read_text())
+    result = json.loads(next(Path("runs/test/rollout").rglob(RESULT)).read_text())
     assert result["pictures"]["window_0_rollout"] == "pictures/window_0_rollout.png"
 
 
@@ -51,7 +51,7 @@ def test_samples_are_judged_and_reported(tmp_path: Path) -> None:
     main(["test", *configured("rollout"), "--model.samples=true"])
     main(["test", *configured("rollout")])
     main(["test", *configured("last_frame")])
-    versions = [tmp_path / "runs" / "rollout" / "dst_static" / f"version_{n}" / RESULT for n in (0, 1)]
+    versions = [tmp_path / "runs" / "test" / "rollout" / "dst_static" / f"version_{n}" / RESULT for n in (0, 1)]
     sampled, plain = (json.loads(file.read_text())["metrics"] for file in versions)
     assert set(sampled) == set(plain)
     assert sampled["mse"] == plain["mse"]  # samples are beside the forecast and change nothing of it

@@ -57,7 +57,9 @@ def test_best_is_used_as_it_is(store: Path, space_file: Path, tmp_path: Path, mo
     main(tuning(store, space_file, tmp_path / "out", "--trials=1", "--variant=prob_dogma"))
     best = str(tmp_path / "out" / "prednet_prob_dogma" / BEST)
     envpred(["fit", "--config", best, "--trainer.enable_progress_bar=false", "--trainer.max_epochs=1"])
-    again = yaml.safe_load((tmp_path / "runs" / "prednet" / "prob_dogma" / "version_0" / "config.yaml").read_text())
+    again = yaml.safe_load(
+        (tmp_path / "runs" / "fit" / "prednet" / "prob_dogma" / "version_0" / "config.yaml").read_text()
+    )
     assert again["data"]["variant"] == "prob_dogma"
     assert again["model"] == FitArguments([f"--config={best}"]).base["model"]
 
