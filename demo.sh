@@ -11,7 +11,7 @@ else
   drives=drives
   [ -d drives ] || envpred simulate drives --drives 10 --frames 120 --seed 0
 fi
-envpred grids --source "$drives" --store grids --context 256 --particle_forecast '[all]'
+envpred grids --source "$drives" --store grids --context 256 --particle_forecast all
 
 common=(--config dst_static --data.store grids --trainer.enable_model_summary false)
 

@@ -2,7 +2,7 @@
 
     python -m benchmarks.rollout --store grids/ [--threads 2] [--rounds 20]
 
-The store is built with `--config configs/grids/rollout.yaml`.  The promises, on two cores, 16 futures and 15 horizons:
+The store is built with `--config rollout`.  The promises, on two cores, 16 futures and 15 horizons:
 at most 30 ms for the rollout, 40 ms with movers, 60 ms with the network.
 """
 
@@ -57,7 +57,7 @@ def forecast(forecaster: Forecaster, store: Path) -> Callable[[], object]:
 def main() -> None:
     """Time all in turns, so that a noisy machine meets them alike."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--store", type=Path, required=True, help="built with --config configs/grids/rollout.yaml")
+    parser.add_argument("--store", type=Path, required=True, help="built with --config rollout")
     parser.add_argument("--threads", type=int, default=2)
     parser.add_argument("--rounds", type=int, default=20)
     arguments = parser.parse_args()

@@ -40,7 +40,7 @@ def grids(
     particle_forecast: list[str] | None = None,
     device: str = "cpu",
 ) -> None:
-    """Turn LiDAR drives into label grids, evidence and, with --dogma true, velocities on disk.
+    """Turn LiDAR drives into label grids, evidence and, with --dogma, velocities on disk.
 
     Args:
         store: folder for the grids; finished drives in it are kept.
@@ -60,7 +60,7 @@ def grids(
         force: build again what is there, also with other parameters.
         dogma: add velocities by the particle filter, also to drives that were mapped before.
         particles: numbers of the particle filter and thresholds on its velocities.
-        particle_forecast: names of the drives that get the particle forecast too, or [all]; implies --dogma true.
+        particle_forecast: names of the drives that get the particle forecast too, or all; implies --dogma.
         device: where the particle filter runs, cpu or cuda.
     """
     if every < 1:
@@ -70,7 +70,7 @@ def grids(
         parameters = MappingParameters(grid, ground, rays, evidence, sensor, every)
         build(source, store, parameters, drives, workers, cluster, force, context, reader)
     elif not dogma or context is not None:
-        raise UserError("give the folder with the drives as --source; velocities alone (--dogma true) need none")
+        raise UserError("give the folder with the drives as --source; velocities alone (--dogma) need none")
     if dogma:
         with ends_at_once():
             from envpred.build.dogma import build_dogma
@@ -148,7 +148,7 @@ def velocity(store: Path, out: Path, drive: str | None = None, frame: int = 0) -
     """Draw the velocities of a drive over its label grids: one frame as a picture, or the whole drive as a .gif.
 
     Args:
-        store: folder that `envpred grids --dogma true` wrote.
+        store: folder that `envpred grids --dogma` wrote.
         out: picture (.png, .pdf) of one frame, or animation (.gif) of all.
         drive: name of the drive; by default the first.
         frame: position of the frame in the drive.

@@ -81,7 +81,7 @@ class Moving:
         if frame != "ground":
             raise UserError(
                 f"velocities are relative to the {frame}, and movers need them relative to the ground; build the grids "
-                "with --config configs/grids/ground_velocity.yaml"
+                "with --config ground_velocity"
             )
         i, j = np.nonzero((label == OCCUPIED) & (np.hypot(*velocity) > self.slowest))
         # Of few cells: on all of them torch's threads would take part, and spin beside those that cast rays.

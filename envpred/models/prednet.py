@@ -74,7 +74,7 @@ class PredNetForecaster(Forecaster):
         super().__init__(variant, given)
         self.save_hyperparameters()
         if context and not fixed_frame:
-            raise UserError("--model.context true: the wide grid is read in one frame; add --model.fixed_frame true")
+            raise UserError("--model.context: the wide grid is read in one frame; add --model.fixed_frame")
         self.needs = Needs(context=context)
         self.init_from = init_from
         inputs = len(self.view.channels)

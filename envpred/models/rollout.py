@@ -74,7 +74,7 @@ class RolloutForecaster(Forecaster):
         if self.hparams["movers"] and self.dataset.velocity_frame() != "ground":
             raise UserError(
                 f"{self.dataset.store}: its velocities are relative to the ego, movers need those relative to the "
-                "ground; build a store with `envpred grids --config configs/grids/ground_velocity.yaml`, or give "
+                "ground; build a store with `envpred grids --config ground_velocity`, or give "
                 "--model.movers false"
             )
 

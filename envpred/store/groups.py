@@ -23,10 +23,10 @@ SOURCE = "--source DRIVES"  # stands for the folder with the drives, which a sto
 GROUPS = {
     "mapping": Group(("label", "evidence", "centre_cell", "pose", "time"), "envpred.build.grids", SOURCE),
     "context": Group(("context_label", "context_evidence"), "envpred.build.grids", f"{SOURCE} --context 256"),
-    "dogma": Group(("velocity", "velocity_cov", "particle_forecast"), "envpred.build.dogma", "--dogma true"),
+    "dogma": Group(("velocity", "velocity_cov", "particle_forecast"), "envpred.build.dogma", "--dogma"),
 }
 # What makes an array that its group's command leaves out.
-OPTIONS = {"particle_forecast": "--particle_forecast '[all]'"}
+OPTIONS = {"particle_forecast": "--particle_forecast all"}
 MAPPING_ARRAYS = GROUPS["mapping"].arrays
 
 
