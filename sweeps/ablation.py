@@ -26,17 +26,18 @@ from envpred.errors import UserError
 from envpred.report import report
 from envpred.store import Store
 from envpred.store.files import replace_text
-from sweeps.runs import processes
-from sweeps.runs.command import run as command
-from sweeps.runs.command import say
-from sweeps.runs.trial import TrialFailedError
-from sweeps.study.best import BEST
-from sweeps.study.storage import told
-from sweeps.table import stores
-from sweeps.table.estimate import seconds, untrained
-from sweeps.table.job import Job
-from sweeps.table.plan import QUESTIONS, VELOCITIES, make_plan
-from sweeps.table.summary import SUMMARY, summary
+
+from .runs import processes
+from .runs.command import run as command
+from .runs.command import say
+from .runs.trial import TrialFailedError
+from .study.best import BEST
+from .study.storage import told
+from .table import stores
+from .table.estimate import seconds, untrained
+from .table.job import Job
+from .table.plan import QUESTIONS, VELOCITIES, make_plan
+from .table.summary import SUMMARY, summary
 
 DEFAULT = "configs/model/prednet_small.yaml"
 GRIDS_A_SECOND = 30.0  # frames mapped, with velocities, on one core; for the estimate alone
@@ -186,9 +187,9 @@ def _span(value: float) -> str:
     return str(timedelta(seconds=math.ceil(value)))
 
 
-def main(args: list[str] | None = None) -> None:
-    """Entry point of `python -m sweeps.ablation`."""
-    command(ablation, args)
+def main(args: list[str] | None = None, prog: str | None = None) -> None:
+    """Entry point of `python -m sweeps.ablation`, and of the command `prog`."""
+    command(ablation, args, prog)
 
 
 if __name__ == "__main__":

@@ -29,18 +29,19 @@ from envpred.errors import UserError
 from envpred.results.result import short_name
 from envpred.store import digest
 from envpred.store.files import replace_text
-from sweeps.runs.cluster import on_cluster
-from sweeps.runs.command import run, say
-from sweeps.runs.trial import Runner, TrialFailedError
-from sweeps.runs.trial import fit as fit_command
-from sweeps.study import sampling
-from sweeps.study.best import write_best
-from sweeps.study.pictures import draw
-from sweeps.study.sampling import PrunerName, SamplerName
-from sweeps.study.space import Space, read_space
-from sweeps.study.storage import JOURNAL, hidden, open_storage, told
-from sweeps.study.trials import TRIALS, trials_csv
-from sweeps.study.worker import ARGUMENTS, Worker, failed_with, open_study
+
+from .runs.cluster import on_cluster
+from .runs.command import run, say
+from .runs.trial import Runner, TrialFailedError
+from .runs.trial import fit as fit_command
+from .study import sampling
+from .study.best import write_best
+from .study.pictures import draw
+from .study.sampling import PrunerName, SamplerName
+from .study.space import Space, read_space
+from .study.storage import JOURNAL, hidden, open_storage, told
+from .study.trials import TRIALS, trials_csv
+from .study.worker import ARGUMENTS, Worker, failed_with, open_study
 
 
 def tune(
@@ -111,7 +112,7 @@ def tune(
                 "max_failures": max_failures,
                 "force": force,
             }
-            on_cluster(cluster, "sweeps.tune", same, fit)
+            on_cluster(cluster, f"{__package__}.tune", same, fit)
         else:
             objective = Objective(study, read, base, Runner(folder / "trials", fit_command))
             Worker(study, kept, trials, objective, grace, max_failures, say=say).work()
@@ -166,9 +167,9 @@ def _configs(space: Space, fit: list[str]) -> list[str]:
     return [f"--config={file}" for file in space.config]
 
 
-def main(args: list[str] | None = None) -> None:
-    """Entry point of `python -m sweeps.tune`."""
-    run(tune, args)
+def main(args: list[str] | None = None, prog: str | None = None) -> None:
+    """Entry point of `python -m sweeps.tune`, and of the command `prog`."""
+    run(tune, args, prog)
 
 
 if __name__ == "__main__":

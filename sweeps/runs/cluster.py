@@ -9,7 +9,8 @@ from typing import Any
 
 from envpred.build.executors import connect
 from envpred.errors import UserError
-from sweeps.runs import processes
+
+from . import processes
 
 
 def on_cluster(address: str, module: str, options: Mapping[str, Any], fit: list[str]) -> None:

@@ -21,16 +21,17 @@ def say(line: str) -> None:
     print(line, flush=True)
 
 
-def run(function: Callable[..., None], args: list[str] | None) -> None:
-    """Run `function` as the command `python -m <its module>`; what `envpred fit` takes comes to it as `fit`.
+def run(function: Callable[..., None], args: list[str] | None, prog: str | None = None) -> None:
+    """Run `function` as the command `prog`, by default `python -m <its module>`.
 
-    A user's mistake is one line on standard error and exit code 1.  SIGTERM, by which clusters end a job, is taken like
-    Ctrl-C.
+    What `envpred fit` takes comes to it as `fit`.  A user's mistake is one line on standard error and exit code 1.
+    SIGTERM, by which clusters end a job, is taken like Ctrl-C.
     """
     module = sys.modules[function.__module__]
-    name = f"sweeps.{function.__name__}"
+    described = (module.__doc__ or "").strip().splitlines()[0]
+    name = prog or f"{__package__.rpartition('.')[0]}.{function.__name__}"
     ours, fit = split_arguments(sys.argv[1:] if args is None else args)
-    parser = ArgumentParser(prog=f"python -m {name}", description=(module.__doc__ or "").strip().splitlines()[0])
+    parser = ArgumentParser(prog=prog or f"python -m {name}", description=described)
     parser.add_function_arguments(function, as_positional=False, skip={"fit"})
     parser.epilog = "options of `envpred fit` (--config, --model.*, --data.*, --trainer.*) go to every run"
     options = parser.instantiate(parser.parse_args(ours))

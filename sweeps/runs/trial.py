@@ -11,8 +11,9 @@ from typing import Any
 import yaml
 
 from envpred.errors import UserError
-from sweeps.runs import processes
-from sweeps.runs.progress import Progress, epochs_of
+
+from . import processes
+from .progress import Progress, epochs_of
 
 CONFIG, LOG = "trial.yaml", "fit.log"
 POLL_SECONDS = 0.25

@@ -9,8 +9,9 @@ import optuna
 from envpred.cli.arguments import FitArguments
 from envpred.results.result import revision
 from envpred.store.files import replace_text
-from sweeps.runs.trial import as_yaml
-from sweeps.study.worker import ARGUMENTS
+
+from ..runs.trial import as_yaml
+from .worker import ARGUMENTS
 
 BEST = "best.yaml"
 

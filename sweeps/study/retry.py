@@ -13,7 +13,7 @@ import optuna
 from optuna.exceptions import UpdateFinishedTrialError
 from optuna.trial import FrozenTrial, TrialState, create_trial
 
-from sweeps.runs import processes
+from ..runs import processes
 
 WORKER, BEAT, REASON, RETRY_OF, LOSSES = "worker", "beat", "reason", "retry_of", "losses"
 MAX_LOSSES = 3  # a trial that takes its worker along so often is to blame itself

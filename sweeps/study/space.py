@@ -32,7 +32,8 @@ from envpred.cli.arguments import FitArguments
 from envpred.cli.shipped import shipped
 from envpred.errors import UserError
 from envpred.store import digest
-from sweeps.runs.command import FIXED
+
+from ..runs.command import FIXED
 
 CONFIG = "config"
 KEYS = ("type", "low", "high", "log", "step", "choices", "list", "when")

@@ -14,8 +14,9 @@ from optuna.study import StudyDirection
 from optuna.trial import FrozenTrial, TrialState
 
 from envpred.errors import UserError
-from sweeps.runs.trial import TrialFailedError
-from sweeps.study.retry import REASON, RETRY_OF, Pulse, Watch, give_up
+
+from ..runs.trial import TrialFailedError
+from .retry import REASON, RETRY_OF, Pulse, Watch, give_up
 
 IDENTITY = "identity"
 ARGUMENTS, OUT_OF_MEMORY = "arguments", "out_of_memory"

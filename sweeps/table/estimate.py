@@ -10,7 +10,8 @@ import torch
 
 from envpred.datamodules.variants import variant
 from envpred.networks.prednet import PredNet
-from sweeps.runs.progress import epochs_of
+
+from ..runs.progress import epochs_of
 
 # Seconds of a process that loads the libraries, of the pictures of a validation, and of a test's metrics and pictures.
 START, PICTURES, TEST = 8.0, 2.0, 6.0

@@ -15,9 +15,10 @@ from envpred.results.result import RESULT
 from envpred.results.validations import read_validations
 from envpred.store import digest
 from envpred.store.files import replace_text
-from sweeps.runs import processes
-from sweeps.runs.trial import as_yaml, failure, logged_to
-from sweeps.table.plan import Run
+
+from ..runs import processes
+from ..runs.trial import as_yaml, failure, logged_to
+from .plan import Run
 
 CONFIG, TRAINED, SECONDS = "run.yaml", ".trained", "seconds.json"
 

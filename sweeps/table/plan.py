@@ -8,9 +8,10 @@ from typing import Any
 from envpred.cli.arguments import FitArguments, as_options, split_arguments
 from envpred.datamodules.variants import VARIANTS
 from envpred.errors import UserError
-from sweeps.runs.command import FIXED
-from sweeps.table.rollouts import ROLLOUT, ROWS, UNCHANGED, Row
-from sweeps.table.rollouts import options as rollout_options
+
+from ..runs.command import FIXED
+from .rollouts import ROLLOUT, ROWS, UNCHANGED, Row
+from .rollouts import options as rollout_options
 
 MAIN = "main"  # the store that the user gave
 STATIC, DYNAMIC = "dst_static", "dst_dogma"

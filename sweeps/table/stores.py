@@ -15,8 +15,9 @@ from envpred.mapping.dogma import DogmaParameters
 from envpred.mapping.particle_state import GROUND, ParticleFilterParameters
 from envpred.store import FORMAT, GROUPS, DriveWriter, Store, StoredDrive
 from envpred.store.files import flat
-from sweeps.table.plan import MAIN
-from sweeps.table.rollouts import ROLLOUT
+
+from .plan import MAIN
+from .rollouts import ROLLOUT
 
 Filter = ParticleFilterParameters
 

@@ -8,9 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from envpred.report.runs import read_run
-from sweeps.table.job import SECONDS, Job
-from sweeps.table.plan import QUESTIONS
-from sweeps.table.rollouts import ROLLOUT, UNCHANGED
+
+from .job import SECONDS, Job
+from .plan import QUESTIONS
+from .rollouts import ROLLOUT, UNCHANGED
 
 SUMMARY = "sweep.md"
 SHOWN_S = (0.1, 0.5, 1.0, 1.5)

@@ -139,3 +139,14 @@ def test_a_spaces_own_configuration_is_taken(store: Path, space_file: Path, tmp_
     options = [option for option in tuning(store, space_file, tmp_path / "out") if not option.startswith("--config")]
     main([*options, "--trials=1"])
     assert "channels: [16, 32, 64]" in (tmp_path / "out" / "prednet_dst_static" / BEST).read_text()
+
+
+def test_messages_say_the_command_that_was_given(
+    tmp_path: Path, space_file: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit):
+        main(tuning(tmp_path / "nothing", space_file, tmp_path), prog="envpred tune")
+    assert capsys.readouterr().err.startswith("envpred tune: ")
+    with pytest.raises(SystemExit):
+        main(["--help"], prog="envpred tune")
+    assert capsys.readouterr().out.startswith("usage: envpred tune ")
