@@ -1,7 +1,7 @@
 """The paper's Table I and the switches that the field asks about, as one command: training, test, report.
 
-    python -m sweeps.ablation --store grids/ --source KITTI --config sweeps/presets/demo.yaml --dry_run true
-    python -m sweeps.ablation --store grids/ --source KITTI --config sweeps/presets/demo.yaml --workers 2
+    envpred ablate --store grids/ --source KITTI --config demo --dry_run
+    envpred ablate --store grids/ --source KITTI --config demo --workers 2
 
 Interrupt it whenever you like; the same command goes on, and what is done is not done again.  Options of `envpred fit`
 (--config, --model.*, --data.*, --trainer.*) go to every run.
@@ -19,7 +19,6 @@ import torch
 
 from envpred.build.executors import available_cores
 from envpred.cli.arguments import names_configuration
-from envpred.cli.shipped import shipped
 from envpred.datamodules import GridDataModule
 from envpred.datamodules.variants import VARIANTS
 from envpred.errors import UserError
@@ -39,7 +38,7 @@ from .table.job import Job
 from .table.plan import QUESTIONS, VELOCITIES, make_plan
 from .table.summary import SUMMARY, summary
 
-DEFAULT = "configs/model/prednet_small.yaml"
+DEFAULT = "prednet_small"
 GRIDS_A_SECOND = 30.0  # frames mapped, with velocities, on one core; for the estimate alone
 
 
@@ -55,14 +54,14 @@ def ablation(
     workers: int = 1,
     dry_run: bool = False,
 ) -> None:
-    """Print the plan, then train, test and report whatever of it is not done.
+    """Make the paper's table and its switches: print the plan, then train, test and report what is not done.
 
     Args:
         store: folder that `envpred grids` wrote, with velocities.
         fit: options of `envpred fit` that every run starts from; by default the small PredNet's configuration.
         source: folder of the drives; needed by switches that map them in another way.
         out: folder for stores, runs, reports and the summary.
-        tuned: folder of studies (`--out` of sweeps.tune); variants with a best.yaml there are run with it, too.
+        tuned: folder of studies (`--out` of `envpred tune`); variants with a best.yaml there are run with it, too.
         variants: input variants of the table.
         switches: what is changed one by one, of PredNet or (rollout_...) of the rollout; [] for none.
         seeds: every variant is run with each of them, every switch with the first.
@@ -70,10 +69,10 @@ def ablation(
         dry_run: print the plan with an estimate of time, and end.
     """
     if not names_configuration(fit):
-        fit = [f"--config={shipped(DEFAULT)}", *fit]
+        fit = [f"--config={DEFAULT}", *fit]
     best = {v: tuned / f"prednet_{v}" / BEST for v in variants if tuned and (tuned / f"prednet_{v}" / BEST).is_file()}
     if tuned is not None and not best:
-        raise UserError(f"{tuned}: holds no prednet_<variant>/{BEST}; run sweeps.tune first, or leave --tuned out")
+        raise UserError(f"{tuned}: holds no prednet_<variant>/{BEST}; run `envpred tune` first, or leave --tuned out")
     plan = make_plan(fit, best, variants, switches, seeds)
     folders = {run.store: stores.folder(run.store, store, out / "stores") for run in plan}
     for key in folders:
@@ -187,9 +186,9 @@ def _span(value: float) -> str:
     return str(timedelta(seconds=math.ceil(value)))
 
 
-def main(args: list[str] | None = None, prog: str | None = None) -> None:
-    """Entry point of `python -m sweeps.ablation`, and of the command `prog`."""
-    command(ablation, args, prog)
+def main(args: list[str] | None = None) -> None:
+    """Entry point of `envpred ablate` and `python -m sweeps.ablation`."""
+    command(ablation, "ablate", args)
 
 
 if __name__ == "__main__":

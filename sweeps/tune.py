@@ -1,6 +1,6 @@
 """Tune the hyperparameters of a model on one input variant: a study of runs of `envpred fit`, on one machine or many.
 
-    python -m sweeps.tune --variant dst_dogma --trials 40 --space sweeps/spaces/prednet.yaml --store grids/
+    envpred tune --variant dst_dogma --trials 40 --space prednet --store grids/
 
 The same command started again, here or on another machine that sees the folder or the database, joins the study; after
 an interruption it goes on with it.  Options of `envpred fit` (--config, --model.*, --data.*, --trainer.*) go to every
@@ -46,7 +46,7 @@ from .study.worker import ARGUMENTS, Worker, failed_with, open_study
 
 def tune(
     variant: str,
-    space: Path,
+    space: str,
     store: Path,
     fit: list[str],
     trials: int = 40,
@@ -61,11 +61,11 @@ def tune(
     force: bool = False,
     cluster: str | None = None,
 ) -> None:
-    """Work on a study until it has the trials asked for.
+    """Tune hyperparameters for an input variant: work on a study until it has the trials asked for.
 
     Args:
         variant: input variant that is tuned for.
-        space: what is searched, a YAML file (see `sweeps.study.space`).
+        space: what is searched: a name that ships (`envpred configs`), or a YAML file (see `sweeps.study.space`).
         store: folder that `envpred grids` wrote.
         fit: options of `envpred fit` that every trial starts from; by default the space's own configuration.
         trials: complete trials that the study is to hold at its end; pruned and failed ones come on top.
@@ -163,13 +163,13 @@ def _configs(space: Space, fit: list[str]) -> list[str]:
     if names_configuration(fit):
         return []
     if not space.config:
-        raise UserError(f"{space.file}: names no configuration to start from; give --config configs/model/...")
+        raise UserError(f"{space.file}: names no configuration to start from; give --config, such as prednet_small")
     return [f"--config={file}" for file in space.config]
 
 
-def main(args: list[str] | None = None, prog: str | None = None) -> None:
-    """Entry point of `python -m sweeps.tune`, and of the command `prog`."""
-    run(tune, args, prog)
+def main(args: list[str] | None = None) -> None:
+    """Entry point of `envpred tune` and `python -m sweeps.tune`."""
+    run(tune, "tune", args)
 
 
 if __name__ == "__main__":

@@ -35,8 +35,9 @@ def _add(
 ) -> None:
     """Add a command's parser: values that are configurations by their names, others as files."""
     for action in shown._actions:
-        if action.dest == "config":
-            action.choices = [short for kind in configs for short in names(kind)]
+        if action.dest in ("config", "space"):
+            kinds = configs if action.dest == "config" else ("space",)
+            action.choices = [short for kind in kinds for short in names(kind)]
         elif action.nargs != 0 and action.choices is None:
             action.complete = shtab.FILE  # type: ignore[attr-defined]
     commands.add_parser(name, parents=[shown], add_help=False, help=text or shown.description)

@@ -57,7 +57,7 @@ def _other(found: re.Match[str], command: str) -> str:
     token = found[1].split()[0].split("=")[0]
     kind = "option" if token.startswith("-") else "argument"
     hint = nearest(token.lstrip("-"), known(command), "--") or _listed(command)
-    return f"envpred {command} takes no {kind} {token}{hint}"
+    return f"there is no {kind} {token}{hint}"
 
 
 def _no_option(found: re.Match[str], command: str) -> str:
@@ -76,7 +76,7 @@ def _no_class(found: re.Match[str], command: str) -> str:
 
 def _needed(found: re.Match[str], command: str) -> str:
     needed = " ".join("--" + key.strip().removeprefix(f"{command}.") for key in found[1].split(","))
-    return f"envpred {command} needs {needed}{_listed(command)}"
+    return f"{needed} must be given{_listed(command)}"
 
 
 def _inner(found: re.Match[str], command: str) -> str:

@@ -9,6 +9,7 @@ from envpred.cli.help import of_command
 from envpred.cli.mistakes import Strict
 from envpred.cli.registry import COMMANDS
 from envpred.cli.signatures import options
+from envpred.cli.sweeps import module
 from envpred.cli.tokens import plain
 from envpred.interrupts import ends_at_once
 
@@ -18,9 +19,14 @@ def own(name: str, args: list[str]) -> None:
     if asks_for_help(args):
         print(of_command(name).format_help())
         return
+    if COMMANDS[name].takes_fit:
+        with ends_at_once():
+            sweeps = module(COMMANDS[name].function.split(".")[1])
+        sweeps.main(args)
+        return
     with ends_at_once():  # types of the arguments are read here, which may load torch
-        module, function = COMMANDS[name].function.rsplit(".", 1)
-        run = getattr(import_module(module), function)
+        room, function = COMMANDS[name].function.rsplit(".", 1)
+        run = getattr(import_module(room), function)
         values = parsed(name, run, args)
     run(**values)
 

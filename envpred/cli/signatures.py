@@ -8,7 +8,7 @@ from pathlib import Path
 
 import griffe
 
-from envpred.cli.shipped import PACKAGE, shipped
+from envpred.cli.shipped import PACKAGE
 
 logging.getLogger("griffe").setLevel(logging.ERROR)  # it would warn of docstrings in a style of their own
 
@@ -138,6 +138,6 @@ def _file(module: str) -> Path:
     """The source of a module of ours; that of sweeps lies in the package or beside it."""
     relative = module.replace(".", "/")
     if module.startswith("sweeps"):
-        return shipped(f"{relative}.py")
+        return next(file for place in (PACKAGE, PACKAGE.parent) if (file := place / f"{relative}.py").is_file())
     file = PACKAGE.parent / f"{relative}.py"
     return file if file.is_file() else PACKAGE.parent / relative / "__init__.py"

@@ -42,5 +42,5 @@ def write_best(study: optuna.Study, fit: FitArguments, identity: Mapping[str, st
     arguments = best.user_attrs[ARGUMENTS]
     header = "".join(f"# {what}: {value}\n" for what, value in about.items())
     found = "".join(f"#   {name}: {value}\n" for name, value in arguments.items())
-    title = f"# The best configuration that sweeps.tune found; `envpred fit --config {BEST}` trains it again.\n"
+    title = f"# The best configuration that `envpred tune` found; `envpred fit --config {BEST}` trains it again.\n"
     return replace_text(folder / BEST, f"{title}{header}# found:\n{found}{as_yaml(fit.complete(arguments))}")

@@ -1,6 +1,6 @@
 """The search space: YAML keyed by the dotted argument of `envpred fit`.
 
-    config: configs/model/prednet.yaml      # what runs start from unless --config says otherwise
+    config: prednet                         # what runs start from unless --config says otherwise
     model.t1_lr: {type: float, low: 1.0e-5, high: 1.0e-2, log: true}
     model.t1_epochs: {type: int, low: 1, high: 8}
     model.channels: {choices: [[8, 16], [16, 32], [16, 32, 64]]}
@@ -29,7 +29,7 @@ from optuna.distributions import (
 )
 
 from envpred.cli.arguments import FitArguments
-from envpred.cli.shipped import shipped
+from envpred.cli.shipped import COMPLETE, find
 from envpred.errors import UserError
 from envpred.store import digest
 
@@ -177,24 +177,24 @@ class Space:
                 raise UserError(f"{self.file}: {error}") from None
 
 
-def read_space(file: Path) -> Space:
-    """The search space of a YAML file.
+def read_space(given: str | Path) -> Space:
+    """The search space of a YAML file, or that of a name that ships.
 
     Raises:
         UserError: naming the argument that cannot be read, and why.
     """
+    file = find(str(given), ("space",), "--space")
     try:
         content = yaml.safe_load(file.read_text())
-    except FileNotFoundError:
-        raise UserError(f"{file}: no such search space; ours are {_ours()}") from None
     except (OSError, ValueError, yaml.YAMLError) as error:
         raise UserError(f"{file}: cannot be read as YAML ({' '.join(str(error).split())})") from None
     if not isinstance(content, dict) or not set(content) - {CONFIG}:
         raise UserError(
             f"{file}: names no argument to search; write lines such as `model.t1_lr: {{low: ..., high: ...}}`"
         )
-    given = content.pop(CONFIG, [])
-    config = [shipped(name, file) for name in (given if isinstance(given, list) else [given])]
+    named = content.pop(CONFIG, [])
+    configs = named if isinstance(named, list) else [named]
+    config = [find(name, COMPLETE, f"{file}: {CONFIG}", file) for name in configs]
     entries: dict[str, Entry] = {}
     for name, text in content.items():
         try:
@@ -274,7 +274,3 @@ def _number(value: Any, kind: type[Any]) -> Any:
     if kind is int and number != int(number):
         raise ValueError(f"{value!r} is no whole number")
     return kind(number)
-
-
-def _ours() -> str:
-    return ", ".join(str(file) for file in sorted((Path(__file__).parents[1] / "spaces").glob("*.yaml")))

@@ -75,7 +75,7 @@ def check_identity(study: optuna.Study, identity: Mapping[str, str]) -> None:
         told = ", ".join(f"{what} ({theirs.get(what)} there, {identity[what]} here)" for what in different)
         raise UserError(
             f"the study {study.study_name} was made with another {told}; its trials cannot be compared with these: "
-            "give another --name, or --force true to go on with it nevertheless"
+            "give another --name, or --force to go on with it nevertheless"
         )
 
 

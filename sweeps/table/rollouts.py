@@ -5,10 +5,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from envpred.cli.arguments import as_options
-from envpred.cli.shipped import shipped
 
 ROLLOUT = "rollout"  # the group, its unchanged run, and the store with what it needs
-CONFIG, CORRECTED = "configs/model/rollout.yaml", "configs/model/corrected_rollout.yaml"
+CONFIG, CORRECTED = "rollout", "corrected_rollout"
 
 
 @dataclass(frozen=True)
@@ -48,7 +47,7 @@ def options(row: Row, judged: list[str], config: Mapping[str, Any]) -> list[str]
         judged: options of the windows that are judged, and of the trainer.
         config: complete configuration of the PredNet beside it, whose steps a network gets.
     """
-    given = [f"--config={shipped(CORRECTED if row.trains else CONFIG)}", *judged, *as_options(row.changes)]
+    given = [f"--config={CORRECTED if row.trains else CONFIG}", *judged, *as_options(row.changes)]
     if not row.trains:
         return given
     model, data = config["model"]["init_args"], config["data"]

@@ -34,7 +34,7 @@ FILTERS: dict[str, Callable[[Filter], Filter]] = {
 }
 # Stores that are mapped anew from the drives, with another ground segmentation.
 GROUNDS = {"ransac": "RansacPlane"}
-# What the store of the rollout has beside the grids of all, as configs/grids/rollout.yaml makes it.
+# What the store of the rollout has beside the grids of all, as `envpred grids --config rollout` makes it.
 WIDER = 2  # times the judged grid: 256 cells
 NEEDED = ("context_label", "context_evidence", "velocity", "velocity_cov")
 
@@ -73,7 +73,7 @@ def check(key: str, main: Path, source: Path | None, dynamic: bool) -> None:
     if (dynamic or key in FILTERS) and lacking:
         raise UserError(
             f"{main}: {', '.join(lacking)} hold no velocities; "
-            f"build them with `envpred grids --source ... --store {main} --dogma true`"
+            f"build them with `envpred grids --source ... --store {main} --dogma`"
         )
 
 

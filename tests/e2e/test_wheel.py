@@ -103,4 +103,4 @@ def test_the_sweeps_work_with_what_ships(installed: Path, foreign: Path) -> None
     study = ("--variant", "dst_static", "--space", space, "--max_failures", "1")
     done = run(python, "-m", "envpred.sweeps.tune", *given, *study, "--trainer.devices", "0", cwd=foreign)
     assert done.returncode == 1
-    assert done.stderr.splitlines()[-1].startswith("envpred.sweeps.tune: the last 1 trials of the study"), done.stderr
+    assert done.stderr.splitlines()[-1].startswith("envpred tune: the last 1 trials of the study"), done.stderr

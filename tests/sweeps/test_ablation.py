@@ -148,8 +148,8 @@ def test_a_failed_run_is_told_and_the_others_are_done(
     [
         (["--switches=[ransac]"], "give their folder as --source"),
         (["--switches=[one]"], "there are t1_only"),
-        (["--tuned=nowhere"], "run sweeps.tune first"),
-        (["--model.chanels=[4]"], "'chanels' is not accepted"),
+        (["--tuned=nowhere"], "run `envpred tune` first"),
+        (["--model.chanels=[4]"], "no option chanels; did you mean --model.channels"),
     ],
 )
 def test_mistakes_are_one_line(

@@ -26,7 +26,7 @@ def failed(args: list[str], capsys: pytest.CaptureFixture[str]) -> str:
     with pytest.raises(SystemExit) as stop:
         main(args)
     assert stop.value.code == 1
-    (line,) = [line for line in capsys.readouterr().err.splitlines() if line.startswith("sweeps.tune: ")]
+    (line,) = [line for line in capsys.readouterr().err.splitlines() if line.startswith("envpred tune: ")]
     return line
 
 
@@ -88,7 +88,7 @@ def test_mistakes_are_one_line_before_the_first_trial(
     store: Path, space_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "out"
-    assert "no such search space" in failed(tuning(store, tmp_path / "no.yaml", out), capsys)
+    assert "none of this name ships" in failed(tuning(store, tmp_path / "no.yaml", out), capsys)
     assert "no store of grids" in failed(tuning(tmp_path / "nothing", space_file, out), capsys)
     assert "no input variant 'dst'" in failed(tuning(store, space_file, out, "--variant=dst"), capsys)
     assert "not reachable" in failed(tuning(store, space_file, out, "--storage=sqlite:////no/such/a.db"), capsys)
@@ -130,7 +130,12 @@ def test_workers_of_a_cluster_are_given_the_same_options(
     assert told.keys() - {"address", "module"} == inspect.signature(tune).parameters.keys() - {"cluster"}
     assert {name: told[name] for name in given} == given
     assert (told["address"], told["module"], told["force"]) == ("tcp://somewhere", "sweeps.tune", True)
-    assert (told["variant"], told["space"], told["store"], told["out"]) == ("dst_static", space_file, store, tmp_path)
+    assert (told["variant"], told["space"], told["store"], told["out"]) == (
+        "dst_static",
+        str(space_file),
+        store,
+        tmp_path,
+    )
     assert "--data.samples=3" in told["fit"]
 
 
@@ -145,8 +150,7 @@ def test_messages_say_the_command_that_was_given(
     tmp_path: Path, space_file: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(SystemExit):
-        main(tuning(tmp_path / "nothing", space_file, tmp_path), prog="envpred tune")
+        main(tuning(tmp_path / "nothing", space_file, tmp_path))
     assert capsys.readouterr().err.startswith("envpred tune: ")
-    with pytest.raises(SystemExit):
-        main(["--help"], prog="envpred tune")
+    main(["--help"])
     assert capsys.readouterr().out.startswith("usage: envpred tune ")

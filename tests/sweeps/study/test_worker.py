@@ -210,7 +210,7 @@ def test_an_interrupted_trial_is_run_again(tmp_path: Path) -> None:
 def test_a_study_of_something_else_is_refused_unless_asked(tmp_path: Path) -> None:
     study, storage = opened(tmp_path)
     names = (sampler("random", 0), pruner("none"))
-    with pytest.raises(UserError, match=r"another data \(b there, c here\); .* --force true"):
+    with pytest.raises(UserError, match=r"another data \(b there, c here\); .* --force"):
         open_study(storage, "s", SAME | {"data": "c"}, *names)
     open_study(storage, "s", SAME | {"data": "c"}, *names, force=True)
     with pytest.raises(UserError, match="another data"):

@@ -111,7 +111,7 @@ def test_ctrl_c_is_one_line_and_the_same_command_goes_on(store: Path, space_file
     os.killpg(worker.pid, signal.SIGINT)
     said, _ = worker.communicate(timeout=60)
     assert worker.returncode == 130
-    assert said.splitlines()[-1] == "sweeps.tune: interrupted; run the same command again to go on"
+    assert said.splitlines()[-1] == "envpred tune: interrupted; run the same command again to go on"
     assert "Traceback" not in said
     worker = start("tests.sweeps.stub", args)
     said, _ = worker.communicate(timeout=120)
