@@ -17,7 +17,6 @@ from pathlib import Path
 
 import torch
 
-from envpred.build.executors import available_cores
 from envpred.cli.arguments import names_configuration
 from envpred.datamodules import GridDataModule
 from envpred.datamodules.variants import VARIANTS
@@ -107,7 +106,7 @@ def _show(
 ) -> dict[str, float]:
     """Print the plan; returns the estimated seconds of each run that is to do, by its name."""
     if workers > 1:
-        torch.set_num_threads(_threads(workers))  # what is timed here has as many as the runs will have
+        torch.set_num_threads(processes.threads_each(workers))  # what is timed here has as many as the runs will have
     example = GridDataModule(**{**jobs[0].config["data"], "store": store})
     example.setup("fit")
     sizes = example.cells, example.horizons, len(example.datasets["val"])
@@ -144,15 +143,12 @@ def _outcomes(todo: Sequence[Job], workers: int) -> Iterator[tuple[Job, TrialFai
         yield from map(_outcome, todo)
         return
     with ThreadPoolExecutor(workers) as pool:
-        futures = [pool.submit(_outcome, replace(job, threads=_threads(workers))) for job in todo]
+        futures = [pool.submit(_outcome, replace(job, threads=processes.threads_each(workers))) for job in todo]
         try:
             for future in as_completed(futures):
                 yield future.result()
         except BaseException:  # of a run, or Ctrl-C: nothing more is started, and what runs is ended
-            pool.shutdown(wait=False, cancel_futures=True)
-            while not all(future.done() for future in futures):  # one more may have begun before it was cancelled
-                processes.stop_all()
-                time.sleep(0.1)
+            processes.abandon(pool, futures)
             raise
 
 
@@ -162,11 +158,6 @@ def _outcome(job: Job) -> tuple[Job, TrialFailedError | None]:
     except TrialFailedError as failed:
         return job, failed
     return job, None
-
-
-def _threads(workers: int) -> int:
-    """Each worker's share of the cores."""
-    return max(1, available_cores() // workers)
 
 
 def _report(jobs: Sequence[Job], out: Path, failures: list[str]) -> dict[str, Path]:

@@ -11,7 +11,8 @@ TensorBoard run:
     tensorboard --logdir studies/prednet_dst_dogma/trials
     optuna-dashboard studies/prednet_dst_dogma/journal.log      # pip install 'envpred[dashboard]'
 
-A worker uses the devices that it sees: give each its own, as by CUDA_VISIBLE_DEVICES.
+`--workers 4` is four of them on this machine, each with its share of the cores; Ctrl-C ends them all.  A worker uses
+the devices that it sees: where each is to have its own, start each by a command, with its CUDA_VISIBLE_DEVICES.
 """
 
 from collections.abc import Callable, Mapping
@@ -31,9 +32,10 @@ from envpred.store import digest
 from envpred.store.files import replace_text
 
 from .runs.cluster import on_cluster
-from .runs.command import run, say
+from .runs.command import command_line, run, say
 from .runs.trial import Runner, TrialFailedError
 from .runs.trial import fit as fit_command
+from .runs.workers import beside
 from .study import sampling
 from .study.best import write_best
 from .study.pictures import draw
@@ -59,6 +61,7 @@ def tune(
     grace: float = 60.0,
     max_failures: int = 5,
     force: bool = False,
+    workers: int = 1,
     cluster: str | None = None,
 ) -> None:
     """Tune hyperparameters for an input variant: work on a study until it has the trials asked for.
@@ -79,8 +82,11 @@ def tune(
         grace: seconds of silence after which a worker on another machine counts as dead, and its trial is run again.
         max_failures: trials that may fail in a row before it is all given up.
         force: go on with a study of other grids, another space or another configuration.
+        workers: trials at once on this machine, which share its cores and devices; small networks use one core best.
         cluster: address of a Dask scheduler; each of its workers joins the study, and this command waits.
     """
+    if workers < 1:
+        raise UserError(f"--workers {workers}: give at least 1")
     read = read_space(space)
     options = [*_configs(read, fit), *fit, f"--data.variant={variant}", f"--data.store={store}"]
     base = FitArguments(options)
@@ -96,23 +102,26 @@ def tune(
             kept, name, identity, sampling.sampler(sampler, seed, read.values_in(base)), sampling.pruner(pruner), force
         )
         read.check_joins(study)
+        same = {
+            "variant": variant,
+            "space": space,
+            "store": store,
+            "trials": trials,
+            "out": out,
+            "name": name,
+            "storage": storage,
+            "sampler": sampler,
+            "pruner": pruner,
+            "seed": seed,
+            "grace": grace,
+            "max_failures": max_failures,
+            "force": force,
+        }
         if cluster is not None:
-            same = {
-                "variant": variant,
-                "space": space,
-                "store": store,
-                "trials": trials,
-                "out": out,
-                "name": name,
-                "storage": storage,
-                "sampler": sampler,
-                "pruner": pruner,
-                "seed": seed,
-                "grace": grace,
-                "max_failures": max_failures,
-                "force": force,
-            }
-            on_cluster(cluster, f"{__package__}.tune", same, fit)
+            on_cluster(cluster, command_line("tune", {**same, "workers": workers}, fit))
+        elif workers > 1:
+            beside(workers, "tune", command_line("tune", same, fit))
+            return  # they have written what the study found
         else:
             objective = Objective(study, read, base, Runner(folder / "trials", fit_command))
             Worker(study, kept, trials, objective, grace, max_failures, say=say).work()

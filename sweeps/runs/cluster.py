@@ -3,9 +3,7 @@
 import os
 import sys
 import tempfile
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from envpred.build.executors import connect
 from envpred.errors import UserError
@@ -13,16 +11,14 @@ from envpred.errors import UserError
 from . import processes
 
 
-def on_cluster(address: str, module: str, options: Mapping[str, Any], fit: list[str]) -> None:
-    """Run `python -m module` with `options` once on each worker of the Dask scheduler at `address`, to the end.
+def on_cluster(address: str, command: list[str]) -> None:
+    """Run `command` once on each worker of the Dask scheduler at `address`, to the end.
 
     A worker that dies takes nothing along but its own part: what it had begun is noticed by the others.
 
     Raises:
         UserError: if no scheduler answers, it has no workers, or the command fails everywhere.
     """
-    given = [f"--{name}={'true' if value is True else value}" for name, value in options.items() if value is not None]
-    command = [sys.executable, "-m", module, *given, *fit]
     client = connect(address)
     import distributed
 

@@ -3,9 +3,9 @@
 import logging
 import signal
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from types import FrameType
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from envpred.cli.arguments import split_arguments
 from envpred.cli.help import of_command
@@ -21,6 +21,18 @@ def say(line: str) -> None:
     print(line, flush=True)
 
 
+def called(name: str) -> str:
+    """What a user calls the command `name`."""
+    return f"envpred {name}"
+
+
+def command_line(name: str, options: Mapping[str, Any], fit: list[str]) -> list[str]:
+    """What runs the command `name` of these sweeps with `options`, in whatever folder, in a process of its own."""
+    given = [f"--{key}={'true' if value is True else value}" for key, value in options.items() if value is not None]
+    code = f"from envpred.cli.sweeps import module; module({name!r}).main()"
+    return [sys.executable, "-c", code, *given, *fit]
+
+
 def run(function: Callable[..., None], command: str, args: list[str] | None) -> None:
     """Run `function` as `envpred <command>`; what `envpred fit` takes comes to it as `fit`.
 
@@ -31,7 +43,7 @@ def run(function: Callable[..., None], command: str, args: list[str] | None) -> 
     if asks_for_help(args):
         print(of_command(command).format_help())
         return
-    name = f"envpred {command}"
+    name = called(command)
 
     def end(signum: int, frame: FrameType | None) -> NoReturn:
         raise KeyboardInterrupt

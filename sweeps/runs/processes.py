@@ -5,10 +5,14 @@ import os
 import platform
 import signal
 import subprocess
+import time
 from collections.abc import Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import IO, Any
 from weakref import WeakSet
+
+from envpred.build.executors import available_cores
 
 PR_SET_PDEATHSIG = 1
 SECONDS_TO_END = 10.0
@@ -59,9 +63,24 @@ def stop(process: subprocess.Popen[bytes]) -> None:
 
 
 def stop_all() -> None:
-    """End all children that still run."""
-    for process in list(_STARTED):
-        stop(process)
+    """End all children that still run, at once: each may take its time."""
+    running = [process for process in _STARTED if process.poll() is None]
+    if running:
+        with ThreadPoolExecutor(len(running)) as pool:
+            list(pool.map(stop, running))
+
+
+def abandon(pool: ThreadPoolExecutor, futures: Sequence[Future[Any]]) -> None:
+    """End the children that a pool's threads wait for, and start no more."""
+    pool.shutdown(wait=False, cancel_futures=True)
+    while not all(future.done() for future in futures):  # one more may have begun before it was cancelled
+        stop_all()
+        time.sleep(0.1)
+
+
+def threads_each(workers: int) -> int:
+    """Each worker's share of the cores."""
+    return max(1, available_cores() // workers)
 
 
 def identity() -> dict[str, Any]:

@@ -7,7 +7,9 @@ a trial takes, and $STUB_FAIL what trials of a large learning rate say when they
 import os
 import sys
 import time
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 from unittest.mock import patch
 
 STEPS = 10  # a validation
@@ -37,6 +39,14 @@ def train(config: Path, folder: Path) -> None:
     write_json(folder / VALIDATIONS, history.as_json())
 
 
+def command_line(name: str, options: Mapping[str, Any], fit: list[str]) -> list[str]:
+    """In place of `sweeps.runs.command.command_line`: workers that train nothing, either."""
+    from sweeps.runs import command
+
+    python, _, _, *given = command.command_line(name, options, fit)
+    return [python, "-m", "tests.sweeps.stub", *given]
+
+
 def command(config: Path, folder: Path) -> list[str]:
     """In place of `sweeps.runs.trial.fit`."""
     return [sys.executable, __file__, "fit", str(config), str(folder)]
@@ -48,5 +58,5 @@ if __name__ == "__main__":
     else:
         from sweeps import tune
 
-        with patch.object(tune, "fit_command", command):
+        with patch.object(tune, "fit_command", command), patch.object(tune, "command_line", command_line):
             tune.main(sys.argv[1:])

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from envpred.errors import UserError
-from sweeps.ablation import _outcomes, _threads
+from sweeps.ablation import _outcomes
 from sweeps.runs import processes
 from sweeps.runs.trial import TrialFailedError
 from sweeps.table.job import Job
@@ -35,7 +35,7 @@ def test_two_at_once_with_their_share_of_the_cores(tmp_path: Path, monkeypatch: 
     assert sorted(outcomes) == ["a", "b", "c", "d"]
     assert str(outcomes["b"]) == "diverged"
     assert [name for name, failure in outcomes.items() if failure is None] == [n for n in outcomes if n != "b"]
-    assert threads == [_threads(2)] * 4
+    assert threads == [processes.threads_each(2)] * 4
 
 
 def test_children_are_told_how_many_threads_to_use(tmp_path: Path) -> None:

@@ -92,6 +92,7 @@ def test_mistakes_are_one_line_before_the_first_trial(
     assert "no store of grids" in failed(tuning(tmp_path / "nothing", space_file, out), capsys)
     assert "no input variant 'dst'" in failed(tuning(store, space_file, out, "--variant=dst"), capsys)
     assert "not reachable" in failed(tuning(store, space_file, out, "--storage=sqlite:////no/such/a.db"), capsys)
+    assert "--workers 0: give at least 1" in failed(tuning(store, space_file, out, "--workers=0"), capsys)
     assert "no Dask scheduler" in failed(tuning(store, space_file, out, "--cluster=tcp://127.0.0.1:1"), capsys)
     space_file.write_text("model.t1_lrr: {low: 1e-4, high: 1e-3}")
     assert "did you mean model.t1_lr?" in failed(tuning(store, space_file, out), capsys)
@@ -114,22 +115,29 @@ def test_failing_trials_end_in_their_reason(
     assert "CUDA out of memory" in line
 
 
-def test_workers_of_a_cluster_are_given_the_same_options(
+def test_workers_here_and_on_a_cluster_are_given_the_same_options(
     store: Path, space_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     told: dict[str, Any] = {}
 
-    def on_cluster(address: str, module: str, options: Mapping[str, Any], fit: list[str]) -> None:
-        told.update(options, address=address, module=module, fit=fit)
+    def command_line(name: str, options: Mapping[str, Any], fit: list[str]) -> list[str]:
+        told.update(options, fit=fit)
+        return [name]
+
+    def start(place: str | int, *command: str | list[str]) -> None:
+        told["started"] = (place, *command)
         raise UserError("enough")
 
-    monkeypatch.setattr("sweeps.tune.on_cluster", on_cluster)
+    monkeypatch.setattr("sweeps.tune.command_line", command_line)
+    monkeypatch.setattr("sweeps.tune.on_cluster", start)
+    monkeypatch.setattr("sweeps.tune.beside", start)
     given = {"trials": 7, "seed": 3, "grace": 9.0, "max_failures": 2, "sampler": "random", "pruner": "hyperband"}
-    options = [*(f"--{name}={value}" for name, value in given.items()), "--force=true", "--cluster=tcp://somewhere"]
-    assert "enough" in failed(tuning(store, space_file, tmp_path, *options), capsys)
-    assert told.keys() - {"address", "module"} == inspect.signature(tune).parameters.keys() - {"cluster"}
+    given |= {"workers": 3}
+    options = [*(f"--{name}={value}" for name, value in given.items()), "--force=true"]
+    assert "enough" in failed(tuning(store, space_file, tmp_path, *options, "--cluster=tcp://somewhere"), capsys)
+    assert told.keys() - {"started"} == inspect.signature(tune).parameters.keys() - {"cluster"}
     assert {name: told[name] for name in given} == given
-    assert (told["address"], told["module"], told["force"]) == ("tcp://somewhere", "sweeps.tune", True)
+    assert (told["started"], told["force"]) == (("tcp://somewhere", ["tune"]), True)
     assert (told["variant"], told["space"], told["store"], told["out"]) == (
         "dst_static",
         str(space_file),
@@ -137,6 +145,11 @@ def test_workers_of_a_cluster_are_given_the_same_options(
         tmp_path,
     )
     assert "--data.samples=3" in told["fit"]
+    on_a_cluster = dict(told)
+    told.clear()
+    assert "enough" in failed(tuning(store, space_file, tmp_path, *options), capsys)
+    assert told.pop("started") == (3, "tune", ["tune"])
+    assert told == {name: value for name, value in on_a_cluster.items() if name not in ("workers", "started")}
 
 
 def test_a_spaces_own_configuration_is_taken(store: Path, space_file: Path, tmp_path: Path, stubbed: None) -> None:

@@ -10,6 +10,7 @@ import pytest
 from envpred.errors import UserError
 from sweeps.runs.cluster import attempt, on_cluster
 from sweeps.study.storage import open_storage
+from tests.sweeps import stub
 from tests.sweeps.conftest import REPOSITORY, SMALL
 
 distributed = pytest.importorskip("distributed")
@@ -33,12 +34,11 @@ def cluster(monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
 
 def test_a_cluster_runs_the_command_and_says_why_it_fails(cluster: str, tmp_path: Path) -> None:
     (tmp_path / "in.json").write_text("{}")
-    on_cluster(
-        cluster, "json.tool", {"indent": 2, "tab": None}, [str(tmp_path / "in.json"), str(tmp_path / "out.json")]
-    )
+    tool = [sys.executable, "-m", "json.tool"]
+    on_cluster(cluster, [*tool, str(tmp_path / "in.json"), str(tmp_path / "out.json")])
     assert (tmp_path / "out.json").read_text().strip() == "{}"
     with pytest.raises(UserError, match="nowhere") as error:
-        on_cluster(cluster, "json.tool", {}, [str(tmp_path / "nowhere.json")])
+        on_cluster(cluster, [*tool, str(tmp_path / "nowhere.json")])
     assert len(str(error.value).splitlines()) == 2
 
 
@@ -55,7 +55,7 @@ def test_every_worker_of_a_cluster_joins(
         "trials": 6,
         "force": True,
     }
-    on_cluster(cluster, "tests.sweeps.stub", options, [f"--config={SMALL}", "--data.crop=null"])
+    on_cluster(cluster, stub.command_line("tune", options, [f"--config={SMALL}", "--data.crop=null"]))
     storage = open_storage(tmp_path / "prednet_dst_static", None)
     trials = optuna.load_study(study_name="prednet_dst_static", storage=storage).trials
     assert [trial.state.name for trial in trials if trial.state.name != "WAITING"] == ["COMPLETE"] * 6
