@@ -13,7 +13,7 @@ from envpred.pictures.animations import scene_animation
 from envpred.pictures.forecasts import scene_strip
 from envpred.pictures.grids import save
 from envpred.report.pictures import drawn_scenes
-from envpred.report.runs import read_run
+from envpred.report.runs import found_in, read_run
 from envpred.results.predictions import Predictions
 from envpred.results.result import RESULT
 from envpred.results.scenes import Scene, together
@@ -43,7 +43,8 @@ def draw(
     """Draw a window into `out`; returns a line that says what was drawn.
 
     Args:
-        folders: predictions, or test runs, whose drawn windows are taken.
+        folders: predictions, or test runs, whose drawn windows are taken; those without are left out, with a line on
+            standard error.
         out: picture, or .gif that plays the window.
         window: place of the window among those of the first folder; the others are searched for it.
         store: grids that were forecast from.
@@ -51,13 +52,14 @@ def draw(
         horizons: of a strip, in seconds.
 
     Raises:
-        UserError: if a folder holds no forecasts, lacks the window, or was forecast from other grids.
+        UserError: if no folder holds forecasts, or one lacks the window, or was forecast from other grids.
     """
     endings = {*FigureCanvasAgg.get_supported_filetypes(), "gif"}
     if out.suffix.lstrip(".") not in endings:
         raise UserError(f"{out}: no picture that can be written; end its name on .png, .pdf, .svg or .gif")
     grids = Store(store) if store is not None else None
-    methods = [_opened(folder, grids) for folder in folders]
+    remedy = "name what `envpred predict` wrote, or a run of `envpred test` that drew some windows"
+    methods = found_in(folders, lambda folder: _opened(folder, grids), "forecasts", remedy)
     windows = methods[0].windows
     if not 0 <= window < len(windows):
         raise UserError(f"--window {window}: {methods[0].folder} has {len(windows)} windows, counted from 0")
@@ -82,8 +84,8 @@ def draw(
     return f"{out}: {scene.where}"
 
 
-def _opened(folder: Path, store: Store | None) -> _Method:
-    """The forecasts in `folder`: predictions, a run that wrote some, or a test run."""
+def _opened(folder: Path, store: Store | None) -> _Method | None:
+    """The forecasts in `folder`, if there are any: predictions, a run that wrote some, or a test run."""
     place = next((place for place in (folder, folder / "predictions") if (place / MANIFEST).is_file()), None)
     if place is not None:
         found = Predictions(place)
@@ -92,9 +94,11 @@ def _opened(folder: Path, store: Store | None) -> _Method:
     if (folder / RESULT).is_file():
         run = read_run(folder / RESULT)
         scenes = list(drawn_scenes(run).values())
+        if not scenes:
+            return None
         keys = [(scene.drive, scene.frames[-1]) for scene in scenes]
         return _Method(folder, run.label, keys, lambda k, label: scenes[k].named(label))
-    raise UserError(f"{folder}: holds neither predictions nor a test result; run `envpred predict` or `envpred test`")
+    return None
 
 
 def _steps(seconds: float, scene: Scene) -> int:

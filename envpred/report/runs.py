@@ -1,10 +1,11 @@
 """Results of test runs, read and checked: what cannot be compared is refused, with the reason."""
 
 import json
-from collections.abc import Sequence
+import sys
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -14,21 +15,27 @@ from envpred.report.comparable import ROUNDING, check_comparable
 from envpred.report.run import FloatArray, Measured, Run
 from envpred.results.result import FORMAT, RESULT
 
+Found = TypeVar("Found")
+NAMED = 4  # folders that a line names before it counts the others
+
 
 def read_runs(paths: Sequence[Path], same_inputs: bool = True) -> list[Run]:
     """The runs of result files, or of folders that hold some, checked to be of the same windows.
+
+    Folders that hold none, as those of training, are left out, with a line on standard error.
 
     With `same_inputs` False an array beside what is judged (a velocity, say) may differ between runs, as where that is
     what is compared.
 
     Raises:
-        UserError: naming the file and what is wrong with it: missing, damaged, of another format, partial, stale (other
-            grids) or mixed (another split, other windows).
+        UserError: if no folder holds one, or naming the file and what is wrong with it: missing, damaged, of another
+            format, partial, stale (other grids) or mixed (another split, other windows).
     """
-    files = [file for path in paths for file in _result_files(Path(path))]
-    runs = [read_run(file) for file in dict.fromkeys(file.resolve() for file in files)]
-    if not runs:
+    if not paths:
         raise UserError("no test run given; name folders or files of results, as `envpred test` writes them")
+    remedy = "run `envpred test` first, or name the folder it logged to"
+    files = [file for files in found_in(paths, _result_files, RESULT, remedy) for file in files]
+    runs = [read_run(file) for file in dict.fromkeys(file.resolve() for file in files)]
     check_comparable(runs, same_inputs)
     return _with_distinct_labels(runs)
 
@@ -66,14 +73,32 @@ def read_run(file: Path) -> Run:
     return Run(file, label, name, role, variant, horizon_s, metrics, bins, data, record)
 
 
+def found_in(folders: Sequence[Path], look: Callable[[Path], Found | None], what: str, remedy: str) -> list[Found]:
+    """What `look` finds in folders, or nothing; those without are left out, with a line on standard error.
+
+    Raises:
+        UserError: if there is no such folder, or none of them holds any, with what to do then.
+    """
+    paths = [Path(folder) for folder in folders]
+    missing = next((path for path in paths if not path.exists()), None)
+    if missing is not None:
+        raise UserError(f"{missing}: no such file or folder")
+    looked = [(path, look(path)) for path in paths]
+    without = [str(path) for path, held in looked if not held]
+    more = f" and {len(without) - NAMED} more" if len(without) > NAMED else ""
+    names = ", ".join(without[:NAMED]) + more
+    if len(without) == len(paths):
+        raise UserError(f"{names}: no {what} there; {remedy}")
+    if without:
+        print(f"skipped {len(without)} folder{'s' * (len(without) > 1)} without {what}: {names}", file=sys.stderr)
+    return [held for _, held in looked if held]
+
+
 def _result_files(path: Path) -> list[Path]:
     """The result files that `path` stands for."""
     if path.is_file():
         return [path]
-    found = [path / RESULT] if (path / RESULT).is_file() else sorted(path.rglob(RESULT))
-    if not found:
-        raise UserError(f"{path}: no {RESULT} there; run `envpred test` first, or name the folder it logged to")
-    return found
+    return [path / RESULT] if (path / RESULT).is_file() else sorted(path.rglob(RESULT))
 
 
 def _measured(file: Path, key: str, value: dict[str, Any], horizons: int, windows: int) -> Measured:

@@ -1,5 +1,6 @@
 """One window of several methods as a strip or an animation, from folders on the disk."""
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 
@@ -13,8 +14,10 @@ from envpred.cli.draw import draw
 from envpred.errors import UserError
 from envpred.models import LastFrame, MovedLastFrame
 from envpred.models.forecaster import Forecaster
+from envpred.results.result import RESULT
 from tests.drives.synthetic import write_drive
 from tests.models.trainers import grids, trainer
+from tests.report.conftest import record
 from tests.results.predictions import FORECAST, folder_of
 from tests.store.stores import write_store
 
@@ -104,12 +107,31 @@ def test_mistakes_get_one_line(folders: Folders, store: Path, tmp_path: Path) ->
         (r"--horizons 0\.25: give multiples of 0\.1 s up to 0\.5 s", lambda: draw([static], out, 0, horizons=[0.25])),
         (r"--horizons 0\.6", lambda: draw([static], out, 0, horizons=[0.6])),
         (r"strip\.doc: no picture", lambda: draw([static], tmp_path / "strip.doc")),
-        (r"holds neither predictions nor a test result", lambda: draw([tmp_path], out)),
+        (r"no forecasts there; name what `envpred predict` wrote", lambda: draw([tmp_path], out)),
+        (r"nowhere: no such file or folder", lambda: draw([static, tmp_path / "nowhere"], out)),
     ]
     for line, call in mistakes:
         with pytest.raises(UserError, match=line):
             call()
     assert not out.exists()
+
+
+def test_folders_without_forecasts_are_left_out(
+    folders: Folders, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    trained = tmp_path / "trained"
+    trained.mkdir()
+    undrawn = tmp_path / "undrawn"
+    undrawn.mkdir()
+    (undrawn / RESULT).write_text(json.dumps(record(LastFrame, "dst_static", 0.1)))
+    alone, beside = tmp_path / "alone.png", tmp_path / "beside.png"
+    draw([folders["static"]], alone)
+    capsys.readouterr()
+    draw([trained, folders["static"], undrawn], beside)
+    assert capsys.readouterr().err == f"skipped 2 folders without forecasts: {trained}, {undrawn}\n"
+    assert beside.read_bytes() == alone.read_bytes()
+    with pytest.raises(UserError, match=f"{trained}, {undrawn}: no forecasts there"):
+        draw([trained, undrawn], beside)
 
 
 def test_horizons_are_multiples_of_the_predictions_own_period(tmp_path: Path) -> None:

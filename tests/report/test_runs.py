@@ -191,10 +191,33 @@ def test_unreadable_and_missing_results_are_refused(make_run: MakeRun, tmp_path:
     (folder / "result.json").write_text(json.dumps([1, 2]))
     with pytest.raises(UserError, match="format None"):
         read_runs([folder])
-    with pytest.raises(UserError, match=r"no result\.json there"):
-        read_runs([tmp_path / "nowhere"])
+    with pytest.raises(UserError, match=r"nowhere: no such file or folder"):
+        read_runs([make_run(), tmp_path / "nowhere"])
     with pytest.raises(UserError, match="no test run given"):
         read_runs([])
+
+
+def test_folders_without_a_result_are_left_out(
+    make_run: MakeRun, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As `envpred report runs/*/*/version_*` names them: runs of training beside those of tests."""
+    trained = [tmp_path / f"version_{n}" for n in range(6)]
+    for folder in trained:
+        folder.mkdir()
+    tested = make_run()
+    capsys.readouterr()
+    assert [run.file.parent for run in read_runs([trained[0], tested])] == [tested]
+    assert capsys.readouterr().err == f"skipped 1 folder without result.json: {trained[0]}\n"
+    assert len(read_runs([*trained, tested])) == 1
+    first, some = str(trained[0]), ", ".join(map(str, trained[:4]))
+    assert capsys.readouterr().err == f"skipped 6 folders without result.json: {some} and 2 more\n"
+    with pytest.raises(UserError, match=rf"^{first}, .* and 2 more: no result\.json there; run `envpred test` first"):
+        read_runs(trained)
+    with pytest.raises(UserError, match=rf"^{first}: no result\.json there"):
+        read_runs([trained[0]])
+    assert capsys.readouterr().err == ""
+    read_runs([tested])
+    assert capsys.readouterr().err == ""
 
 
 def test_random_weights_are_called_untrained(make_run: MakeRun) -> None:
