@@ -46,6 +46,10 @@ class RolloutForecaster(Forecaster):
         movers: carry on what moves by its velocity; needs velocities relative to the ground.
         samples: draw single futures beside their mean.
         seed: of the futures.
+
+    Attributes:
+        rates: how often cells are hit, for the world `hits`; those of the package, until others are put there.
+        motion: the spread of the ego's futures, likewise.  Neither goes into a checkpoint.
     """
 
     role: ClassVar[Role] = "rollout"
@@ -65,6 +69,7 @@ class RolloutForecaster(Forecaster):
         self.save_hyperparameters()
         if futures < 1:
             raise UserError(f"--model.futures {futures}: give at least 1")
+        self.rates, self.motion = hit_rates.default(), EgoMotion()
         arrays = ["evidence", *(["context_evidence"] if context else [])]
         arrays += ["velocity", "velocity_cov"] if movers else []
         self.needs = Needs(tuple(arrays), context, self.needs.future_pose)
@@ -118,7 +123,7 @@ class RolloutForecaster(Forecaster):
     def _drawn(self, window: Window, horizons: int, count: int, generator: np.random.Generator) -> FloatArray:
         """So many futures (count, horizons, 3) of the ego."""
         poses, times = np.asarray(window["pose"], np.float64), np.asarray(window["time"], np.float64)
-        return ego_futures(poses, times, horizons, count, generator, EgoMotion(), float(window["resolution"]))
+        return ego_futures(poses, times, horizons, count, generator, self.motion, float(window["resolution"]))
 
     def _rolled(
         self, window: Window, futures: FloatArray, pool: ThreadPoolExecutor
@@ -171,12 +176,11 @@ class RolloutForecaster(Forecaster):
         if self.hparams["world"] == "label":
             world = label_world(label[-1])
         else:
-            pose, resolution, period = (window[name] for name in ("pose", "resolution", "period"))
             # The rates go by where grids lie, which an offset moves as if the ego were there.
             moved = np.array([*self.offset(window), 0])
-            last, cells = np.asarray(pose[-1], np.float64) + moved, judged.shape[-1]
-            rates, seconds = hit_rates.default(), float(period)
-            world = rates.world(label, centre_cells, mass, futures + moved, last, float(resolution), cells, seconds)
+            last, cells = np.asarray(window["pose"][-1], np.float64) + moved, judged.shape[-1]
+            resolution, period = float(window["resolution"]), float(window["period"])
+            world = self.rates.world(label, centre_cells, mass, futures + moved, last, resolution, cells, period)
             world = replace(world, place=(world.place[0] - moved[0], world.place[1] - moved[1]))
         if not self.hparams["movers"]:
             return world, None
