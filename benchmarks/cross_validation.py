@@ -2,7 +2,7 @@
 
     python -m benchmarks.cross_validation STORE [STORE ...] [--folds 4] [--steps 500]
 
-The stores are built with `--config configs/grids/rollout.yaml`.  The drives of each are dealt to the folds by turns;
+The stores are built with `--config rollout`.  The drives of each are dealt to the folds by turns;
 a fold's drives are left out together, and on all others the hit rates and the spread of the ego's futures are fitted
 and, with --steps, the network of `configs/model/corrected_rollout.yaml` is trained on top of these.  Printed as
 Markdown: the squared error of every drive as a share of the static baseline's, beside that of the shipped constants.
@@ -176,7 +176,7 @@ def _written(shares: FloatArray) -> str:
 def main() -> None:
     """Leave out, fit, train, test, print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("stores", nargs="+", type=Path, help="built with --config configs/grids/rollout.yaml")
+    parser.add_argument("stores", nargs="+", type=Path, help="built with --config rollout")
     parser.add_argument("--folds", type=int, default=4, help="as many as drives leave out each alone")
     parser.add_argument("--steps", type=int, default=0, help="of the network that corrects the world; 0 for none")
     parser.add_argument("--every", type=int, default=10, help="frames between those from which examples look ahead")
