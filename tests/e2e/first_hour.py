@@ -2,7 +2,7 @@
 
     python -m tests.e2e.first_hour FOLDER [--installed BIN]
 
-The README's commands are read from the README and run in its order; trainings are cut short, by options that the transcript
+The README's commands are read from it and run in its order; trainings are cut short, by options that the transcript
 shows.  Without --installed, a wheel is built and installed with all that it needs into FOLDER/environment.
 """
 
@@ -95,7 +95,7 @@ def first_hour(folder: Path, installed: Path | None = None) -> Hour:
     hour.run("envpred simulate drives --drives 4 --frames 60 --seed 0")
     for command in commands_of("Forecast your own drives"):
         hour.run(command)
-    hour.run("tensorboard --logdir runs/fit --inspect | head -20")
+    hour.run("tensorboard --logdir runs/fit --inspect --tag val/mse")
     _forecast(hour)
     hour.run("envpred grids --store grids/ --dogma")
     for command in commands_of("Tune and ablate"):
@@ -144,13 +144,11 @@ def _bring_ones_own(hour: Hour) -> None:
     for example in ("reader.py", "forecaster.py"):
         shutil.copy(REPOSITORY / "examples" / example, hour.folder)
     hour.run("envpred grids --reader reader.find --source numpy --store own --context 256 --dogma")
-    split = "--data.train mine@-30 --data.val mine@30-50 --data.test mine@-30 --data.split custom"
     own = "--model forecaster.ContextForecaster --data.store own --data.samples 5"
     hour.run(f"envpred fit {own} --trainer.max_epochs 2 --data.train mine@-24 --data.val mine@24-46 --name first")
     hour.run(f"envpred test {own} --data.train mine@-20 --data.val mine@20-40 --data.test mine@40- --ckpt_path best")
     hour.run("envpred test --config last_frame --data.store own --data.test mine@40-")
     hour.run("envpred report runs/test/context runs/test/last_frame --out own_report")
-    del split
 
 
 def _write_numpy(folder: Path) -> None:

@@ -69,5 +69,5 @@ def test_what_counts_as_moving(change: dict[str, Any], moves: int) -> None:
 
 
 def test_velocities_relative_to_the_ego_are_refused() -> None:
-    with pytest.raises(UserError, match=r"relative to the ego.*ground_velocity\.yaml"):
+    with pytest.raises(UserError, match=r"relative to the ego.*--config ground_velocity"):
         Moving().split(*scene(), CENTRE, 1, "ego")

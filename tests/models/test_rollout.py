@@ -80,7 +80,7 @@ def test_what_it_cannot_roll_out_is_refused(store: Path, tmp_path: Path) -> None
     narrow = write_store(tmp_path / "narrow", {"a": list(range(40))}, cells=32)
     with pytest.raises(UserError, match=r"--context 256"):
         scores_of(RolloutForecaster(given=3), narrow, tmp_path / "a")
-    with pytest.raises(UserError, match=r"relative to the ego.*ground_velocity\.yaml"):
+    with pytest.raises(UserError, match=r"relative to the ego.*--config ground_velocity"):
         scores_of(RolloutForecaster(given=3, movers=True), store, tmp_path / "b")
     with pytest.raises(UserError, match=r"--model\.futures 0"):
         RolloutForecaster(futures=0)

@@ -33,7 +33,7 @@ def test_the_table_says_which_group_an_array_is_of(store: Path) -> None:
     [
         ("label", "--source DRIVES"),
         ("context_evidence", "--source DRIVES --context 256"),
-        ("velocity", "--dogma true"),
+        ("velocity", "--dogma"),
         ("particle_forecast", "--particle_forecast '[all]'"),
     ],
 )
