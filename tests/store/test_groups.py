@@ -34,7 +34,7 @@ def test_the_table_says_which_group_an_array_is_of(store: Path) -> None:
         ("label", "--source DRIVES"),
         ("context_evidence", "--source DRIVES --context 256"),
         ("velocity", "--dogma"),
-        ("particle_forecast", "--particle_forecast '[all]'"),
+        ("particle_forecast", "--particle_forecast all"),
     ],
 )
 def test_what_is_missing_names_the_command_that_makes_it(tmp_path: Path, array: str, options: str) -> None:
