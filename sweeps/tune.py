@@ -21,9 +21,7 @@ from pathlib import Path
 from typing import Any
 
 import optuna
-from torch.utils.tensorboard import SummaryWriter
 
-from envpred.callbacks.pictures import hparams
 from envpred.cli.arguments import FitArguments, names_configuration
 from envpred.datamodules import GridDataModule
 from envpred.errors import UserError
@@ -33,7 +31,7 @@ from envpred.store.files import replace_text
 
 from .runs.cluster import on_cluster
 from .runs.command import command_line, run, say
-from .runs.trial import Runner, TrialFailedError
+from .runs.trial import DEFAULTS, Runner, TrialFailedError
 from .runs.trial import fit as fit_command
 from .runs.workers import beside
 from .study import sampling
@@ -148,10 +146,7 @@ class Objective:
         before = failed_with(self.study, arguments)
         if before is not None:
             raise TrialFailedError(f"not run: trial {before.number} ran out of memory with the same values", True)
-        value = self.runner.run(trial.number, self.fit.complete(arguments), on_rung, on_poll)
-        with SummaryWriter(str(self.runner.folder / f"{trial.number:04d}" / "searched")) as writer:
-            writer.add_hparams(hparams(arguments), {"tuned/val_mse": value}, run_name=".")
-        return value
+        return self.runner.run(trial.number, self.fit.complete(arguments, DEFAULTS), on_rung, on_poll)
 
 
 def data_hash(options: Mapping[str, Any]) -> str:

@@ -1,23 +1,23 @@
-"""What a run shows besides its scalars: pictures of fixed windows, and the static baseline's line."""
+"""What a run shows besides its scalars: pictures of fixed windows."""
 
 import io
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import PIL.Image
 import torch
 from lightning.pytorch import Callback, LightningModule, Trainer
 from lightning.pytorch.loggers import TensorBoardLogger
+from lightning.pytorch.trainer.states import TrainerFn
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from tensorboard.compat.proto.summary_pb2 import Summary
 from torch import Tensor
-from torch.utils.tensorboard import SummaryWriter
 
+from envpred.callbacks.loggers import tensorboard
 from envpred.callbacks.results import result_writer
 from envpred.datamodules import Forecast, WindowBatch
+from envpred.errors import UserError
 from envpred.mapping.dogma import VELOCITY_SCALE
 from envpred.models import Forecaster, RolloutForecaster
 from envpred.pictures.animations import scene_animation
@@ -29,7 +29,6 @@ from envpred.results.scenes import Scene, write_scenes
 
 DRAWN = "drawn.npz"  # the forecasts of the windows that are drawn, beside the result
 FORECAST = "forecast"
-TRAINING_DATA = ("split", "length", "samples", "batch_size", "augment", "crop", "seed")  # what HPARAMS shows of it
 
 Velocities = tuple[NDArray[np.float32], NDArray[np.float32]]  # probability of occupied, and velocity in m/s
 
@@ -44,32 +43,29 @@ class Drawn:
 
 
 class Pictures(Callback):
-    """Targets, forecasts and errors of fixed windows: in TensorBoard after validation, beside the result after a test.
+    """Targets, forecasts and errors of fixed windows: in TensorBoard, and after a test beside the result, too.
 
     TensorBoard also has the first window beside the last frame shown, with the ego and what moves circled.
 
     Args:
-        windows: how many windows are drawn, spread evenly over those there are.
-        every_n_epochs: how often in training.
+        windows: how many windows are drawn, spread evenly over those there are; 0 for none.
+        every_n_epochs: how often in training; 0 for never.
+
+    Raises:
+        UserError: if one of them is negative.
     """
 
     def __init__(self, windows: int = 2, every_n_epochs: int = 1) -> None:
+        for name, value in (("windows", windows), ("every_n_epochs", every_n_epochs)):
+            if value < 0:
+                raise UserError(f"--pictures.{name} {value}: give 0 for no pictures, or more")
         self.windows, self.every_n_epochs = windows, every_n_epochs
-        self.static: SummaryWriter | None = None
-
-    def on_fit_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
-        logger = _tensorboard(trainer)
-        if logger is not None and isinstance(pl_module, Forecaster):
-            data = {f"data.{name}": getattr(pl_module.dataset, name) for name in TRAINING_DATA}
-            # The tab needs the names of the final metrics before there are any.
-            logger.log_hyperparams(hparams(dict(pl_module.hparams) | data), {"final/val_mse": float("nan")})
 
     def on_validation_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
-        logger = _tensorboard(trainer)
+        logger = tensorboard(trainer)
         if logger is None or trainer.sanity_checking or not isinstance(pl_module, Forecaster):
             return
-        self._draw_reference(trainer, logger)
-        if trainer.current_epoch % self.every_n_epochs:
+        if trainer.state.fn == TrainerFn.FITTING and not self._is_due(trainer.current_epoch):
             return
         step = trainer.global_step
         for place, drawn in enumerate(self._drawn(pl_module, "val").values()):
@@ -81,25 +77,33 @@ class Pictures(Callback):
             if place == 0:
                 beside = replace(scene, forecasts=scene.forecasts | {"last frame": scene.static})
                 logger.experiment.add_figure("window_0/comparison", scene_strip(beside, title=title), step)
-                self._animate(logger, scene_animation(beside), step)
+                _show(logger, "window_0/animation", scene_animation(beside), step)
 
     def on_test_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
         """Pictures of the same kind beside the result, and the forecasts themselves for a report's pictures."""
-        writer = result_writer(trainer)
-        if writer is None or not trainer.is_global_zero or not isinstance(pl_module, Forecaster):
+        writer, logger = result_writer(trainer), tensorboard(trainer)
+        if not self.windows or writer is None or not trainer.is_global_zero or not isinstance(pl_module, Forecaster):
             return
         folder = writer.write(trainer, pl_module).parent  # what was measured is safe before anything is drawn
         names: dict[str, str] = {}
         found = self._drawn(pl_module, "test")
         for place, drawn in enumerate(found.values()):
             pictures = {"errors": forecast_strip(drawn.scene)} | _more(pl_module, drawn)
+            files = {kind: f"pictures/window_{place}_{kind}.png" for kind in pictures}
             for kind, picture in pictures.items():
-                names[f"window_{place}_{kind}"] = f"pictures/window_{place}_{kind}.png"
-                save(picture, folder / names[f"window_{place}_{kind}"])
-            names[f"window_{place}_animation"] = f"pictures/window_{place}.gif"
-            (folder / f"pictures/window_{place}.gif").write_bytes(scene_animation(drawn.scene))
+                save(picture, folder / files[kind])
+            files["animation"] = f"pictures/window_{place}.gif"
+            (folder / files["animation"]).write_bytes(scene_animation(drawn.scene))
+            for kind, file in files.items():
+                names[f"window_{place}_{kind}"] = file
+                if logger is not None:
+                    _show(logger, f"test_window_{place}/{kind}", (folder / file).read_bytes(), trainer.global_step)
         write_scenes(folder / DRAWN, {index: drawn.scene for index, drawn in found.items()})
         writer.add_pictures(trainer, pl_module, names, DRAWN)
+
+    def _is_due(self, epoch: int) -> bool:
+        """Whether pictures are drawn after this epoch of training."""
+        return self.every_n_epochs > 0 and epoch % self.every_n_epochs == 0
 
     def _drawn(self, model: Forecaster, part: str) -> dict[int, Drawn]:
         """The fixed windows of `part` with the model's forecast, by their place among all."""
@@ -107,30 +111,12 @@ class Pictures(Callback):
         indices = np.unique(np.linspace(0, len(data) - 1, self.windows).round().astype(int)).tolist()
         return {index: _forecast(model, part, index) for index in indices}
 
-    def on_train_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
-        logger = _tensorboard(trainer)
-        if logger is not None and "val/mse" in trainer.callback_metrics:
-            logger.log_metrics({"final/val_mse": float(trainer.callback_metrics["val/mse"])}, trainer.global_step)
 
-    def teardown(self, trainer: Trainer, pl_module: LightningModule, stage: str) -> None:
-        if self.static is not None:
-            self.static.close()
-            self.static = None
-
-    def _draw_reference(self, trainer: Trainer, logger: TensorBoardLogger) -> None:
-        """The static baseline under the same names as a run of its own, so that both share a chart."""
-        if self.static is None:
-            self.static = SummaryWriter(f"{logger.log_dir}/static_baseline")
-        for name, value in trainer.callback_metrics.items():
-            if name.startswith("static/"):
-                self.static.add_scalar(name.replace("static/", "val/"), float(value), trainer.global_step)
-
-    @staticmethod
-    def _animate(logger: TensorBoardLogger, gif: bytes, step: int) -> None:
-        width, height = PIL.Image.open(io.BytesIO(gif)).size
-        image = Summary.Image(height=height, width=width, colorspace=3, encoded_image_string=gif)
-        summary = Summary(value=[Summary.Value(tag="window_0/animation", image=image)])
-        logger.experiment._get_file_writer().add_summary(summary, step)
+def _show(logger: TensorBoardLogger, tag: str, picture: bytes, step: int) -> None:
+    """Show the content of a .png or .gif as it is; TensorBoard's own writer takes pixels alone, and animates none."""
+    width, height = PIL.Image.open(io.BytesIO(picture)).size
+    image = Summary.Image(height=height, width=width, colorspace=3, encoded_image_string=picture)
+    logger.experiment._get_file_writer().add_summary(Summary(value=[Summary.Value(tag=tag, image=image)]), step)
 
 
 def _forecast(model: Forecaster, part: str, index: int) -> Drawn:
@@ -196,15 +182,3 @@ def _velocities(model: Forecaster, drawn: Drawn, title: str = "") -> Figure | No
         drawn.scene.period,
         title or drawn.scene.where,
     )
-
-
-def _tensorboard(trainer: Trainer) -> TensorBoardLogger | None:
-    """The TensorBoard logger of the process that writes."""
-    if not trainer.is_global_zero:
-        return None
-    return next((logger for logger in trainer.loggers if isinstance(logger, TensorBoardLogger)), None)
-
-
-def hparams(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Values that the HPARAMS tab can show; lists as text."""
-    return {k: v if isinstance(v, int | float | str | bool) else str(v) for k, v in values.items()}

@@ -9,7 +9,7 @@ from lightning.pytorch.callbacks import ModelCheckpoint
 from lightning.pytorch.trainer.states import TrainerFn
 
 from envpred.errors import UserError
-from envpred.results.validations import VALIDATIONS, Best, History, Validation
+from envpred.results.validations import VALIDATIONS, Best, Chosen, History, Validation
 from envpred.store.files import write_json
 
 MSE, STATIC = "val/mse", "static/mse"  # means over the horizons; each horizon's own has its name after a `_`
@@ -79,6 +79,12 @@ class Validations(Callback):
             write_json(folder / VALIDATIONS, self.history.as_json())
         except OSError as error:
             raise UserError(f"{folder / VALIDATIONS}: cannot be written ({error.strerror}); make room") from None
+
+
+def best_validation(trainer: Trainer) -> Chosen | None:
+    """The best checkpoint of the training that has just ended, and its validation; None if it kept none."""
+    found = next((c for c in trainer.callbacks if isinstance(c, Validations)), None)  # type: ignore[attr-defined]
+    return None if found is None else found.history.chosen()
 
 
 def _validation(epoch: int, step: int, stage: str | None, metrics: Mapping[str, float]) -> Validation:

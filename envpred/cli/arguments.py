@@ -14,7 +14,7 @@ from envpred.errors import UserError
 from envpred.store.files import flat
 
 # First parts of the names of its options: each is the name itself, or starts with it and a dot.
-OPTIONS = ("config", "seed_everything", "trainer", "model", "data", "predictions", "results")
+OPTIONS = ("config", "seed_everything", "trainer", "model", "data", "predictions", "results", "pictures")
 RUN = ("name", "out")  # where a run lies, which whoever starts many decides
 
 
@@ -53,13 +53,17 @@ class FitArguments:
         self.base = self.complete({})
         self.values = {_without_init_args(name): value for name, value in flat(self.base).items()}
 
-    def complete(self, arguments: Mapping[str, Any]) -> dict[str, Any]:
+    def complete(self, arguments: Mapping[str, Any], defaults: Mapping[str, Any] | None = None) -> dict[str, Any]:
         """The complete configuration with `arguments` (dotted name -> value) set, every default spelt out.
+
+        Args:
+            arguments: what is set, whatever the command line says.
+            defaults: what is set unless the command line says otherwise.
 
         Raises:
             UserError: as `envpred fit` would refuse them.
         """
-        config = self.parser.parse_args(as_parsed([*self.args, *as_options(arguments)]))
+        config = self.parser.parse_args(as_parsed([*as_options(defaults or {}), *self.args, *as_options(arguments)]))
         plain: dict[str, Any] = yaml.safe_load(self.parser.dump(config, skip_unset=False))
         return {name: value for name, value in plain.items() if name not in RUN}
 

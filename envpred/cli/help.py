@@ -7,10 +7,11 @@ from typing import Any
 from envpred.cli.registry import COMMANDS, LIGHTNING
 from envpred.cli.signatures import Option, exported, options, summary
 
-DATA, WRITER, RESULTS = (
+DATA, WRITER, RESULTS, PICTURES = (
     "envpred.datamodules.GridDataModule",
     "envpred.callbacks.PredictionWriter",
     "envpred.callbacks.ResultWriter",
+    "envpred.callbacks.Pictures",
 )
 MODELS = "envpred.models"
 # Of the options of Lightning's trainer those that most runs need, if any.
@@ -130,6 +131,8 @@ def of_lightning(name: str) -> ArgumentParser:
         _add_all(parser.add_argument_group("predictions"), options(WRITER, "predictions."))
     if name == "test":
         _add_all(parser.add_argument_group("results"), options(RESULTS, "results."))
+    if name != "predict":
+        _add_all(parser.add_argument_group("pictures"), options(PICTURES, "pictures."))
     trainer = parser.add_argument_group("trainer (Lightning's; --help_all lists all)")
     for short, text in TRAINER.items():
         trainer.add_argument(f"--trainer.{short}", metavar=short.rsplit("_", 1)[-1].upper(), help=text)

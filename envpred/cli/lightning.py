@@ -10,7 +10,7 @@ import torch
 from jsonargparse import Namespace
 from lightning.pytorch.cli import LightningArgumentParser, LightningCLI
 
-from envpred.callbacks import Pictures, PredictionWriter, ResultWriter, Validations
+from envpred.callbacks import Baselines, Hyperparameters, Pictures, PredictionWriter, ResultWriter, Validations
 from envpred.cli.configs import portable
 from envpred.cli.help import DATA, RUN
 from envpred.cli.mistakes import Strict
@@ -51,6 +51,7 @@ class EnvpredCLI(LightningCLI):
         parser.link_arguments("data.given", "model.init_args.given")
         parser.add_lightning_class_args(PredictionWriter, "predictions")
         parser.add_lightning_class_args(ResultWriter, "results")
+        parser.add_lightning_class_args(Pictures, "pictures")
         parser.add_argument("--name", type=str | None, default=None, help=RUN["name"].text)
         parser.add_argument("--out", type=Path, default=Path("runs"), help=RUN["out"].text)
 
@@ -163,7 +164,7 @@ def lightning(args: list[str] | None = None, kind: type[C] = EnvpredCLI, run: bo
         auto_configure_optimizers=False,
         load_from_checkpoint_support=False,
         save_config_kwargs={"overwrite": True},
-        trainer_defaults={"callbacks": [Pictures(), Validations()], "log_every_n_steps": 10},
+        trainer_defaults={"callbacks": [Validations(), Baselines(), Hyperparameters()], "log_every_n_steps": 10},
         parser_kwargs={"prog": "envpred"},
         args=as_parsed(sys.argv[1:] if args is None else args),
         run=run,

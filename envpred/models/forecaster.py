@@ -24,7 +24,7 @@ from envpred.horizons import horizon_name, shown_steps
 from envpred.mapping.mapper import Mapped, Mapper
 from envpred.metrics.collection import forecast_metrics
 from envpred.metrics.horizon_mse import HorizonMSE
-from envpred.metrics.windows import WindowMetric
+from envpred.metrics.windows import PerHorizon, WindowMetric
 from envpred.models.kinds import kinds_of
 
 
@@ -51,6 +51,7 @@ class Forecaster(LightningModule):
         self.view = variant_of(variant)
         self.scores, self.static = MetricCollection({}), HorizonMSE()
         self.extra_metrics: Sequence[Callable[[int], WindowMetric]] = ()
+        self.validated: dict[str, Any] = {}  # what the last validation found, and the last test
         self.tested: dict[str, Any] = {}
         self.trained: dict[str, Any] | None = None  # what the weights come from
         self.forecast_seconds, self.forecast_windows = 0.0, 0
@@ -114,11 +115,9 @@ class Forecaster(LightningModule):
         if stage == "fit":
             self._limit_epochs()
         self.static = HorizonMSE(horizons).to(self.device)
-        chosen = (
-            forecast_metrics(horizons, extra=self.extra_metrics)
-            if stage == "test"
-            else MetricCollection({"mse": HorizonMSE(horizons)})
-        )
+        chosen = MetricCollection({"mse": HorizonMSE(horizons)})
+        if stage == "test":
+            chosen = forecast_metrics(horizons, extra=self.extra_metrics)
         self.scores = chosen.to(self.device)
 
     def _limit_epochs(self) -> None:
@@ -196,14 +195,17 @@ class Forecaster(LightningModule):
         self.score(batch, self.forecast_checked(batch["seen"], self.dataset.horizons))
 
     def on_validation_epoch_end(self) -> None:
-        found = self.scored()
+        self.validated = found = self.scored()
         mse, static = found["mse"], found["static_mse"]
-        self.log("val/mse", mse.mean.mean().float(), prog_bar=True)
-        self.log("static/mse", static.mean.mean().float())
+        self.log_error("val/mse", mse, prog_bar=True)
+        self.log_error("static/mse", static)
         self.log("val/skill", (1 - mse.mean.mean() / static.mean.mean()).float())
-        for step, name in self._shown():
-            self.log(f"val/mse_{name}", mse.mean[step - 1].float())
-            self.log(f"static/mse_{name}", static.mean[step - 1].float())
+
+    def log_error(self, name: str, error: PerHorizon, prog_bar: bool = False) -> None:
+        """Log the mean of an error over the horizons as `name`, and each shown horizon's as `name`_<horizon>."""
+        self.log(name, error.mean.mean().float(), prog_bar=prog_bar)
+        for step, horizon in self._shown():
+            self.log(f"{name}_{horizon}", error.mean[step - 1].float())
 
     def test_step(self, batch: WindowBatch, batch_index: int) -> None:
         start = time.perf_counter()

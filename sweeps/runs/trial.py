@@ -16,6 +16,7 @@ from . import processes
 from .progress import Progress, epochs_of
 
 CONFIG, LOG = "trial.yaml", "fit.log"
+DEFAULTS = {"pictures.every_n_epochs": 0}  # of `envpred fit` in a sweep: they take a quarter of a small run's time
 POLL_SECONDS = 0.25
 MEMORY = re.compile(r"out of memory|OutOfMemory|MemoryError|can't allocate memory|bad_alloc", re.IGNORECASE)
 DISK = re.compile(r"No space left on device|Disk quota exceeded")

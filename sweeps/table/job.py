@@ -17,7 +17,7 @@ from envpred.store import digest
 from envpred.store.files import replace_text
 
 from ..runs import processes
-from ..runs.trial import as_yaml, failure, logged_to
+from ..runs.trial import DEFAULTS, as_yaml, failure, logged_to
 from .plan import Run
 
 CONFIG, TRAINED, SECONDS = "run.yaml", ".trained", "seconds.json"
@@ -39,7 +39,7 @@ class Job:
         Raises:
             UserError: as `envpred fit` would refuse its options.
         """
-        config = FitArguments([*run.options, f"--data.store={store}"]).base
+        config = FitArguments([*run.options, f"--data.store={store}"]).complete({}, DEFAULTS)
         data = {name: value for name, value in config["data"].items() if name != "store"}
         return cls(run, config, runs / f"{run.name}-{digest({**config, 'data': data, 'store': run.store})[:8]}")
 

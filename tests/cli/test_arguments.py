@@ -1,5 +1,7 @@
 """The arguments of `envpred fit`: complete configurations, and command lines split in two."""
 
+from pathlib import Path
+
 import pytest
 import yaml
 
@@ -20,6 +22,16 @@ def test_a_configuration_read_again_is_the_same(fit: FitArguments, tmp_path_fact
     file = tmp_path_factory.mktemp("config") / "trial.yaml"
     file.write_text(yaml.safe_dump(config))
     assert FitArguments([f"--config={file}"]).base == config == yaml.safe_load(file.read_text())
+
+
+def test_defaults_give_way_to_the_command_line_and_its_files(fit: FitArguments, tmp_path: Path) -> None:
+    quiet = {"pictures.every_n_epochs": 0}
+    assert fit.base["pictures"] == {"windows": 2, "every_n_epochs": 1}
+    assert fit.complete({}, quiet) == fit.base | {"pictures": {"windows": 2, "every_n_epochs": 0}}
+    file = tmp_path / "pictures.yaml"
+    file.write_text("pictures: {every_n_epochs: 4}")
+    for option, every in (("--pictures.every_n_epochs=3", 3), (f"--config={file}", 4)):
+        assert FitArguments([*fit.args, option]).complete({}, quiet)["pictures"]["every_n_epochs"] == every
 
 
 def test_options_are_what_the_command_line_takes() -> None:

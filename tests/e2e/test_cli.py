@@ -117,8 +117,9 @@ def test_tensorboard_shows_what_a_run_did(store: Path) -> None:
     images = events.Tags()["images"]
     assert {"window_0/forecast", "window_1/forecast", "window_0/comparison", "window_0/animation"} <= set(images)
     assert events.Images("window_0/animation")[-1].encoded_image_string.startswith(b"GIF89a")
-    reference = EventAccumulator(str(run / "static_baseline")).Reload()
-    assert "val/mse_1.5s" in reference.Tags()["scalars"]
+    for baseline in ("static_baseline", "moved_last_frame"):
+        lines = EventAccumulator(str(run / baseline)).Reload()
+        assert {"val/mse", "val/mse_1.5s"} <= set(lines.Tags()["scalars"])
     told = events.summary_metadata["_hparams_/session_start_info"].plugin_data.content
     assert b"t5_lr" in told
     assert b"data.crop" in told

@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 
 import pytest
+import yaml
 
 from envpred.callbacks.pictures import Pictures
 from envpred.cli import main as envpred
@@ -64,6 +65,7 @@ def test_from_the_plan_to_the_report_and_not_twice(
         table = (out / "report" / group / "methods.md").read_text()
         assert sum(line.startswith("| ") for line in table.splitlines()) >= compared
     (job,) = (out / "runs").glob("t5_only-*")
+    assert yaml.safe_load((job / CONFIG).read_text())["pictures"] == {"windows": 2, "every_n_epochs": 0}
     result = json.loads((job / "result.json").read_text())
     assert result["model"]["hyperparameters"]["t1_epochs"] == 0
 

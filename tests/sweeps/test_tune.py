@@ -9,7 +9,6 @@ from typing import Any
 import pytest
 import yaml
 from PIL import Image
-from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from envpred.cli import main as envpred
 from envpred.cli.arguments import FitArguments
@@ -43,12 +42,13 @@ def test_a_study_leaves_the_best_a_table_and_pictures(store: Path, space_file: P
         assert line in text
     found = yaml.safe_load(text)
     assert found["model"]["init_args"]["t1_lr"] == float(best["model.t1_lr"])
-    assert found == yaml.safe_load((folder / "trials" / f"{int(best['trial']):04d}" / "trial.yaml").read_text())
+    trial = yaml.safe_load((folder / "trials" / f"{int(best['trial']):04d}" / "trial.yaml").read_text())
+    assert found == trial | {"pictures": {"windows": 2, "every_n_epochs": 1}}  # which trials do without
+    assert trial["pictures"]["every_n_epochs"] == 0
     for name in ("history", "importances", "parallel_coordinates", "intermediate_values"):
         assert min(Image.open(folder / f"{name}.png").size) > 300
-    searched = EventAccumulator(str(folder / "trials" / "0000" / "searched")).Reload()
-    assert searched.Scalars("tuned/val_mse")[0].value == pytest.approx(float(rows[0]["val_mse"]))
-    assert "_hparams_/session_start_info" in searched.summary_metadata
+    # A trial's row in HPARAMS is that of its own run, which the stub does not write.
+    assert not list((folder / "trials").rglob("events.out.tfevents*"))
 
 
 @pytest.mark.usefixtures("stubbed")

@@ -9,7 +9,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
+from envpred.callbacks.hyperparameters import FINAL
 from envpred.cli import main
 from envpred.cli.arguments import FitArguments
 from envpred.errors import UserError
@@ -17,7 +19,7 @@ from envpred.results.validations import VALIDATIONS, History
 from envpred.store.files import write_json
 from sweeps.runs import processes
 from sweeps.runs.progress import Progress, epochs_of
-from sweeps.runs.trial import CONFIG, LOG, Runner, TrialFailedError, failure, fit, logged_to
+from sweeps.runs.trial import CONFIG, DEFAULTS, LOG, Runner, TrialFailedError, failure, fit, logged_to
 from tests.build import builds
 from tests.sweeps import stub
 
@@ -63,8 +65,11 @@ def test_epochs_are_those_of_all_stages_at_most_the_trainers(fit: FitArguments) 
 def test_a_real_run_is_read_right(fit: FitArguments, tmp_path: Path) -> None:
     """Its score is the error of the best checkpoint, validated once more."""
     arguments = {"model.channels": [4], "data.samples": 2, "model.t5_lr": 0.02, "model.t5_epochs": 3}
-    value = Runner(tmp_path).run(0, fit.complete(arguments), ignore, ignore)
+    value = Runner(tmp_path).run(0, fit.complete(arguments, DEFAULTS), ignore, ignore)
     folder = tmp_path / "0000"
+    events = EventAccumulator(str(folder)).Reload()
+    assert [event.value for event in events.Scalars(FINAL)] == [pytest.approx(value)]  # what HPARAMS tells of a trial
+    assert events.Tags()["images"] == []  # they take their time
     progress = Progress(folder, 4)
     assert [(found["epoch"], found["stage"]) for found in progress.validations()] == [
         (0, "t1"),
