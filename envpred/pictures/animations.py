@@ -45,8 +45,8 @@ def scene_animation(scene: Scene, scale: int = 2, pace: float = 0.5, across: int
     rows = -(-len(tracks) // across)
     size = (across * (tile[0] + EDGE) + EDGE, HEAD + rows * (tile[1] + LINE + EDGE))
     font = ImageFont.load_default(13)
-    frames = []
-    for t in range(-len(scene.seen) + 1, scene.horizons + 1):
+
+    def frame(t: int) -> Image.Image:
         canvas = Image.new("L", size, WHITE)
         draw = ImageDraw.Draw(canvas)
         _head(draw, scene, t, size[0], scale)
@@ -68,8 +68,9 @@ def scene_animation(scene: Scene, scale: int = 2, pace: float = 0.5, across: int
                 draw.rectangle((x, y + tile[1] - 19, x + 48, y + tile[1] - 1), WHITE, ORACLE_RIM)
                 draw.text((x + 5, y + tile[1] - 18), "oracle", BLACK, font)
         canvas.putpalette(PALETTE)
-        frames.append(canvas)
-    return gif(frames, scene.period / pace)
+        return canvas
+
+    return gif(frame, range(-len(scene.seen) + 1, scene.horizons + 1), scene.period / pace)
 
 
 def _head(draw: ImageDraw.ImageDraw, scene: Scene, t: int, width: int, scale: int) -> None:

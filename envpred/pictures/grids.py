@@ -6,7 +6,7 @@ any kind of colour vision tell apart.
 """
 
 import io
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -18,6 +18,7 @@ from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 from numpy.typing import NDArray
 from PIL import Image
+from tqdm import tqdm
 
 from envpred.mapping.evidence import pignistic
 from envpred.mapping.geometry import EGO, FREE, OCCUPIED, UNKNOWN
@@ -99,19 +100,25 @@ def drive_animation(labels: NDArray[np.uint8], mass: NDArray[np.floating], perio
         scale: pixels a cell.
     """
     palette = np.array([[int(LABEL_COLOURS[code][k : k + 2], 16) for k in (1, 3, 5)] for code in range(4)], np.uint8)
-    frames = []
-    for label, masses in zip(labels, mass, strict=True):
-        grey = (255 * (1 - np.clip(pignistic(masses), 0, 1))).astype(np.uint8)
-        tiles = [palette[label], np.repeat(grey[..., None], 3, axis=2)]
-        tile = np.concatenate([t.transpose(1, 0, 2)[::-1] for t in tiles], axis=1)  # as maps: north up
-        frames.append(Image.fromarray(tile.repeat(scale, 0).repeat(scale, 1)))
-    return gif(frames, period)
+
+    def frame(t: int) -> Image.Image:
+        grey = (255 * (1 - np.clip(pignistic(mass[t]), 0, 1))).astype(np.uint8)
+        tiles = [palette[labels[t]], np.repeat(grey[..., None], 3, axis=2)]
+        tile = np.concatenate([tile.transpose(1, 0, 2)[::-1] for tile in tiles], axis=1)  # as maps: north up
+        return Image.fromarray(tile.repeat(scale, 0).repeat(scale, 1))
+
+    return gif(frame, range(len(labels)), period)
 
 
-def gif(frames: Sequence[Image.Image], seconds: float) -> bytes:
-    """`frames` as a GIF that repeats and shows each for so many `seconds`."""
+def gif(frame: Callable[[int], Image.Image], steps: Sequence[int], seconds: float) -> bytes:
+    """The frames of these `steps` as a GIF that repeats and shows each for so many `seconds`.
+
+    On a terminal, one that takes longer than a second tells how far it is.
+    """
+    told = tqdm(steps, "drawing", unit="frame", leave=False, delay=1, disable=None)
+    frames = map(frame, told)  # each is drawn as it is written
     out = io.BytesIO()
-    frames[0].save(out, "GIF", save_all=True, append_images=frames[1:], duration=round(1000 * seconds), loop=0)
+    next(frames).save(out, "GIF", save_all=True, append_images=frames, duration=round(1000 * seconds), loop=0)
     return out.getvalue()
 
 

@@ -104,17 +104,18 @@ def of_drive(drive: StoredDrive) -> bytes:
     """
     ax = _framed(size=4.6)
     canvas = FigureCanvasAgg(cast(Figure, ax.figure))
-    frames = []
-    for t, number in enumerate(drive.frames):
+
+    def frame(t: int) -> Image.Image:
         picture, heading = _stored(drive, t)
         artists = draw_picture(ax, picture, drive.manifest["lattice"]["resolution"], heading)
-        ax.set_title(f"{drive.name}, frame {number}", fontsize=9)
+        ax.set_title(f"{drive.name}, frame {drive.frames[t]}", fontsize=9)
         canvas.draw()  # type: ignore[no-untyped-call]
         shown = np.asarray(canvas.buffer_rgba())[..., :3]  # type: ignore[no-untyped-call]
-        frames.append(Image.fromarray(shown.copy()).quantize(256))
         for artist in artists:
             artist.remove()
-    return gif(frames, drive.period)
+        return Image.fromarray(shown.copy()).quantize(256)
+
+    return gif(frame, range(len(drive.frames)), drive.period)
 
 
 def velocity_strip(
