@@ -31,8 +31,8 @@ ALLOWED: dict[str, set[str]] = {
     "callbacks": {"models", "datamodules", "pictures", "results", "metrics", "mapping", "store", "horizons", "errors"},
     "report": {"pictures", "results", "metrics", "horizons", "errors"},
     "cli": {
-        *("callbacks", "report", "simulate", "build", "pictures", "results", "models", "datamodules", "mapping"),
-        *("drives", "store", "horizons", "interrupts", "errors", "__version__"),
+        *("callbacks", "report", "simulate", "build", "pictures", "results", "models", "datamodules", "metrics"),
+        *("mapping", "drives", "store", "horizons", "interrupts", "errors", "__version__"),
     },
     "__init__": {"drives", "mapping.mapper", "datamodules", "models", "store"},  # the face
     "__main__": {"cli"},

@@ -12,6 +12,7 @@ from lightning.pytorch.cli import LightningArgumentParser, LightningCLI
 
 from envpred.callbacks import Baselines, Hyperparameters, Pictures, PredictionWriter, ResultWriter, Validations
 from envpred.cli.configs import portable
+from envpred.cli.endings import end_of_fit, end_of_test, end_of_validation
 from envpred.cli.help import DATA, RUN
 from envpred.cli.mistakes import Strict
 from envpred.cli.registry import LIGHTNING
@@ -81,6 +82,8 @@ class EnvpredCLI(LightningCLI):
         options = self._options
         if self.subcommand == "predict":
             options.return_predictions = False  # they are on the disk
+        if self.subcommand in ("validate", "test"):
+            options.verbose = False  # Lightning's table has 17 digits and no standard errors; ours says it
         name, options.name = options.name, None  # another run of the same configuration has another name
         if options.trainer.logger in (None, True):
             place = self._place("fit" if self.subcommand is None else self.subcommand)
@@ -104,6 +107,20 @@ class EnvpredCLI(LightningCLI):
             self._options.trainer.logger = None
         if self.subcommand == "fit" and self.config.fit.trainer.max_epochs is None and self.model.epochs is not None:
             self.trainer.fit_loop.max_epochs = self.model.epochs
+
+    def after_fit(self) -> None:
+        self._say(end_of_fit(self.trainer))
+
+    def after_validate(self) -> None:
+        self._say(end_of_validation(self.trainer, self.model))
+
+    def after_test(self) -> None:
+        self._say(end_of_test(self.trainer, self.model))
+
+    def _say(self, lines: list[str]) -> None:
+        """Say at the end of a command what came of it, in one process."""
+        if self.trainer.is_global_zero:
+            print("\n".join(lines), flush=True)
 
     def _check_weights(self) -> None:
         """Refuse to judge weights that nobody has trained, unless that is asked for."""

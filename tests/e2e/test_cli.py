@@ -2,6 +2,7 @@
 
 import json
 import os
+import shlex
 import shutil
 from pathlib import Path
 from typing import Any
@@ -132,6 +133,38 @@ def test_best_is_the_newest_runs_best_and_resuming_writes_on_in_its_run(store: P
     main(["test", *small(store, "--ckpt_path", "best")])
     result = json.loads(Path("runs/test/prednet/dst_static/version_0", RESULT).read_text())
     assert result["checkpoint"].endswith("version_0/checkpoints/best.ckpt")
+
+
+def next_command(said: str) -> list[str]:
+    """The next command that a fit names, as arguments of `main`."""
+    (line,) = [line for line in said.splitlines() if line.startswith("next: envpred ")]
+    return shlex.split(line)[2:]
+
+
+def test_a_fit_says_what_to_type_next_and_that_works(
+    store: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Also in a folder whose name a shell would split."""
+    (tmp_path / "my runs").mkdir()
+    monkeypatch.chdir(tmp_path / "my runs")
+    args = ["--out", "all runs", "--pictures.windows", "0"]
+    main(["fit", *small(store, *args)])
+    said = capsys.readouterr().out
+    run = Path("all runs/fit/prednet/dst_static/version_0")
+    history = json.loads((run / "validations.json").read_text())
+    best = history["validations"][history["best"]["best.ckpt"]["validation"]]
+    moved = EventAccumulator(str(run)).Reload().Scalars("moved/mse")[0].value
+    assert f"run: {run}\n" in said
+    errors = (("best.ckpt", best["val_mse"]), ("static baseline", best["static_mse"]), ("moved last frame", moved))
+    assert ", ".join(f"{name} {1e3 * error:.1f}" for name, error in errors) in said
+    main(next_command(said))
+    (result,) = Path("all runs/test").rglob(RESULT)
+    assert json.loads(result.read_text())["checkpoint"] == str(run / "checkpoints" / "best.ckpt")
+    assert json.loads(result.read_text()).get("pictures") is None
+    main(["fit", *small(store, *args), "--model.t1_epochs=0", "--trainer.enable_checkpointing=false"])
+    said = capsys.readouterr().out
+    assert f"run: {run.with_name('version_1')}\n" in said
+    assert "next:" not in said
 
 
 def test_the_users_values_are_not_replaced_by_a_checkpoint(store: Path, capsys: pytest.CaptureFixture[str]) -> None:
