@@ -25,6 +25,8 @@ from envpred.models import Forecaster
 from envpred.models.checkpoints import read_checkpoint
 from envpred.results.result import short_name
 
+rank_zero_log = logging.getLogger("lightning.pytorch.utilities.rank_zero")
+
 
 class _Parser(Strict, LightningArgumentParser):
     """Lightning's parser, with our messages."""
@@ -82,6 +84,10 @@ class EnvpredCLI(LightningCLI):
         options = self._options
         if self.subcommand == "predict":
             options.return_predictions = False  # they are on the disk
+        if self.subcommand != "fit":
+            warnings.filterwarnings("ignore", "The dirpath has changed")  # they write into a folder of their own
+        if not any("ModelCheckpoint" in callback.class_path for callback in options.trainer.callbacks or []):
+            rank_zero_log.addFilter(_no_default_replaced)
         if self.subcommand in ("validate", "test"):
             options.verbose = False  # Lightning's table has 17 digits and no standard errors; ours says it
         name, options.name = options.name, None  # another run of the same configuration has another name
@@ -91,7 +97,8 @@ class EnvpredCLI(LightningCLI):
             if self.subcommand == "fit" and checkpoint and Path(checkpoint).parent.name == "checkpoints":
                 run = Path(checkpoint).resolve().parents[1]
                 if run.parent == place.resolve() and name in (None, run.name):
-                    place, name = run.parent, run.name
+                    name = run.name  # `place` stays as written: Lightning forgets the best where paths differ
+                    warnings.filterwarnings("ignore", "Checkpoint directory .* exists and is not empty")
             elif name is not None and (place / name).exists():
                 raise UserError(f"{place / name}: is there already; give another --name, or remove it")
             self.placed = True
@@ -101,10 +108,15 @@ class EnvpredCLI(LightningCLI):
             )
 
     def after_instantiate_classes(self) -> None:
-        """Refuse random weights, and leave the schedule to the model: Lightning would warn of 1000 epochs."""
+        """Refuse random weights, leave the schedule to the model, and log at least once an epoch.
+
+        Lightning would warn of 1000 epochs, and log no training loss where epochs have fewer batches than its interval.
+        """
         self._check_weights()
         if self.placed:  # what is saved of the configuration is for runs in other places, too
             self._options.trainer.logger = None
+        batches = max(1, self.datamodule.samples // (self.datamodule.batch_size * self.trainer.world_size))
+        self.trainer.log_every_n_steps = min(self.trainer.log_every_n_steps, batches)  # type: ignore[attr-defined]
         if self.subcommand == "fit" and self.config.fit.trainer.max_epochs is None and self.model.epochs is not None:
             self.trainer.fit_loop.max_epochs = self.model.epochs
 
@@ -172,7 +184,11 @@ def lightning(args: list[str] | None = None, kind: type[C] = EnvpredCLI, run: bo
     warnings.filterwarnings("ignore", "LightningCLI's args parameter is intended")  # `main` takes them from sys.argv
     warnings.filterwarnings("ignore", ".*treespec, LeafSpec.*")  # Lightning's own affair
     warnings.filterwarnings("ignore", ".*does not have many workers.*")  # reading a window takes a millisecond
-    logging.getLogger("lightning.pytorch.utilities.rank_zero").addFilter(_no_advertisement)
+    # Metrics put the windows of all processes together themselves, each once.
+    warnings.filterwarnings("ignore", "Using `DistributedSampler` with the dataloaders. During")
+    warnings.filterwarnings("ignore", r"It is recommended to use `self\.log\('(val|static|moved|test)/(mse|skill)")
+    rank_zero_log.removeFilter(_no_default_replaced)  # of a command before this one
+    rank_zero_log.addFilter(_about_the_run)
     return kind(
         Forecaster,
         GridDataModule,
@@ -194,6 +210,12 @@ def as_parsed(args: list[str]) -> list[str]:
     return portable(plain(tokens, [*options(DATA, "data."), *RUN.values()], COMPLETE))
 
 
-def _no_advertisement(record: logging.LogRecord) -> bool:
-    """Whether a line of Lightning's says something about the run, rather than about its makers' other products."""
-    return "Tip: For seamless" not in record.getMessage()
+def _about_the_run(record: logging.LogRecord) -> bool:
+    """Whether a line of Lightning's says something about the run, rather than of its makers' products or its ways."""
+    line = record.getMessage()
+    return not any(text in line for text in ("Tip: For seamless", "to estimate number of stepping batches"))
+
+
+def _no_default_replaced(record: logging.LogRecord) -> bool:
+    """Whether a line says more than that a model keeps its own checkpoints instead of the trainer's default one."""
+    return "in `LightningModule.configure_callbacks` will override" not in record.getMessage()

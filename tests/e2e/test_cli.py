@@ -4,6 +4,7 @@ import json
 import os
 import shlex
 import shutil
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -126,15 +127,6 @@ def test_tensorboard_shows_what_a_run_did(store: Path) -> None:
     assert b"data.crop" in told
 
 
-def test_best_is_the_newest_runs_best_and_resuming_writes_on_in_its_run(store: Path) -> None:
-    main(["fit", *small(store, "--trainer.max_epochs=1")])
-    main(["fit", *small(store, "--ckpt_path", "last")])
-    assert not Path("runs/fit/prednet/dst_static/version_1").exists()
-    main(["test", *small(store, "--ckpt_path", "best")])
-    result = json.loads(Path("runs/test/prednet/dst_static/version_0", RESULT).read_text())
-    assert result["checkpoint"].endswith("version_0/checkpoints/best.ckpt")
-
-
 def next_command(said: str) -> list[str]:
     """The next command that a fit names, as arguments of `main`."""
     (line,) = [line for line in said.splitlines() if line.startswith("next: envpred ")]
@@ -165,6 +157,40 @@ def test_a_fit_says_what_to_type_next_and_that_works(
     said = capsys.readouterr().out
     assert f"run: {run.with_name('version_1')}\n" in said
     assert "next:" not in said
+
+
+def test_what_a_run_does_on_purpose_is_no_warning(
+    store: Path, capsys: pytest.CaptureFixture[str], caplog: pytest.LogCaptureFixture
+) -> None:
+    """From the first fit over one that goes on in its folder to a test elsewhere; tables are ours."""
+    with warnings.catch_warnings(record=True) as found:
+        warnings.simplefilter("always")
+        main(["fit", *small(store, "--trainer.max_epochs=1", "--pictures.every_n_epochs=0")])
+        main(["fit", *small(store, "--ckpt_path", "last", "--pictures.every_n_epochs=0")])
+        assert not Path("runs/fit/prednet/dst_static/version_1").exists()
+        for command in ("validate", "test"):
+            capsys.readouterr()
+            main([command, *small(store, "--ckpt_path", "best")])
+            lines = capsys.readouterr().out.splitlines()
+            (head,) = [k for k, line in enumerate(lines) if line.startswith("MSE × 10⁻³ ± standard error over ")]
+            assert lines[head + 1].split() == ["0.1", "s", "0.5", "s", "1.0", "s", "1.5", "s"]
+            names = [line[: len("moved last frame")].strip() for line in lines[head + 2 :]]
+            moved = ["moved last frame"] if command == "validate" else []
+            assert names == ["prednet", "static baseline", *moved, "skill"]
+        assert not any("test/mse" in line for line in lines)  # Lightning's own table
+    ours = [str(warning.message) for warning in found if issubclass(warning.category, UserWarning)]
+    assert ours == []
+    assert "will override existing callbacks" not in caplog.text
+    folder = Path("runs/test/prednet/dst_static/version_0")
+    result = json.loads((folder / RESULT).read_text())
+    assert result["checkpoint"].endswith("version_0/checkpoints/best.ckpt")
+    means = [f"{1e3 * result['metrics']['mse']['mean'][step - 1]:.1f} ±" for step in (1, 5, 10, 15)]
+    assert all(mean in lines[head + 2] for mean in means)
+    images = set(EventAccumulator(str(folder)).Reload().Tags()["images"])
+    assert images == {f"test_window_{k}/{kind}" for k in (0, 1) for kind in ("errors", "animation")}
+    events = EventAccumulator("runs/fit/prednet/dst_static/version_0").Reload()
+    assert events.Tags()["images"] == []
+    assert "train/loss_t1" in events.Tags()["scalars"]  # though an epoch has two batches
 
 
 def test_the_users_values_are_not_replaced_by_a_checkpoint(store: Path, capsys: pytest.CaptureFixture[str]) -> None:
