@@ -82,7 +82,9 @@ class Pictures(Callback):
     def on_test_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
         """Pictures of the same kind beside the result, and the forecasts themselves for a report's pictures."""
         writer, logger = result_writer(trainer), tensorboard(trainer)
-        if not self.windows or writer is None or not trainer.is_global_zero or not isinstance(pl_module, Forecaster):
+        if trainer.fast_dev_run or not self.windows or writer is None or not trainer.is_global_zero:  # type: ignore[attr-defined]
+            return
+        if not isinstance(pl_module, Forecaster):
             return
         folder = writer.write(trainer, pl_module).parent  # what was measured is safe before anything is drawn
         names: dict[str, str] = {}

@@ -27,7 +27,7 @@ TRAINER = {
 }
 # Options that Lightning's commands have beside those of models, data and trainer.
 RUN = {
-    "name": Option("name", "str | None", "None", "of the run's folder; by default version_0, version_1, ..."),
+    "name": Option("name", "str | None", "None", "of the run's folder; by default version_N"),
     "out": Option("out", "Path", "'runs'", "folder of all runs; this one lies in OUT/COMMAND/<model>/<variant>/NAME."),
     "ckpt_path": Option(
         "ckpt_path",

@@ -30,6 +30,7 @@ def test_every_subcommand_reads_what_every_other_saved(tmp_path: Path, monkeypat
             weights = [] if command == "fit" else ["--ckpt_path=best"]
             main([command, "--config", str(file), "--trainer.fast_dev_run=true", *weights])
         assert yaml.safe_load(file.read_text())["data"]["store"] == "grids", made_by
+    assert {path.name for path in tmp_path.iterdir()} == {"grids", "runs"}  # fast_dev_run leaves nothing
     tested = json.loads((runs["test"] / RESULT).read_text())
     assert Path(tested["checkpoint"]).name == "best.ckpt"
 
