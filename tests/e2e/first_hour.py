@@ -25,7 +25,7 @@ SHORT = {  # what is added to the README's commands, by what they begin with
     "envpred fit --config prednet_small": "--data.samples 20 --model.t1_epochs 1 --model.t5_epochs 1",
     "envpred fit --config studies": "--data.samples 20",
     "envpred fit --config corrected_rollout": "--data.samples 4 --model.max_epochs 1",
-    "envpred tune": "--trials 3 --config prednet_small --data.samples 10 --model.t1_epochs 1 --model.t5_epochs 1",
+    "envpred tune": "--trials 3 --space prednet_schedule --data.samples 10 --model.t1_epochs 1 --model.t5_epochs 1",
 }
 LIMIT_SECONDS = 900
 
