@@ -1,0 +1,26 @@
+"""The first hour of a user, as a transcript."""
+
+from pathlib import Path
+
+import pytest
+
+from tests.e2e.first_hour import commands_of, first_hour
+
+
+def test_the_readmes_commands_are_found_and_cut_short() -> None:
+    found = list(commands_of("Forecast your own drives"))
+    assert found[0] == "envpred grids --source drives --store grids/"
+    assert [command.split()[1] for command in found] == ["grids", "fit", "test", "test", "report"]
+    assert "--data.samples 20" in found[1]
+    tune, fit, ablate = commands_of("Tune and ablate")
+    assert "--trials 3" in tune
+    assert fit.startswith("envpred fit --config studies/prednet_dst_dogma/best.yaml --data.samples")
+    assert ablate.endswith("--dry_run")
+
+
+@pytest.mark.slow
+def test_every_command_of_the_first_hour_works(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """From a wheel in a fresh environment; every step raises where a command does not end as it should."""
+    with capsys.disabled():
+        print()
+        print(first_hour(tmp_path).table())
