@@ -3,11 +3,22 @@
 import os
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
+from tests import user_errors
+
 REPOSITORY = Path(__file__).resolve().parents[1]
+
+
+@pytest.fixture(autouse=True, scope="session")
+def _record_user_errors(pytestconfig: pytest.Config) -> Iterator[None]:
+    """What the tests provoke of `UserError` is recorded: tests/user_errors.py tells what none does."""
+    with pytest.MonkeyPatch.context() as patch:
+        user_errors.Recorder(user_errors.record_of(pytestconfig), patch)
+        yield
 
 
 @pytest.fixture(scope="session")
