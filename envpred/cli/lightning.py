@@ -20,7 +20,7 @@ from envpred.cli.shipped import COMPLETE
 from envpred.cli.signatures import options
 from envpred.cli.tokens import plain
 from envpred.datamodules import GridDataModule
-from envpred.errors import UserError
+from envpred.errors import UserError, as_raised
 from envpred.models import Forecaster
 from envpred.models.checkpoints import read_checkpoint
 from envpred.results.result import short_name
@@ -107,12 +107,19 @@ class EnvpredCLI(LightningCLI):
                 init_args=Namespace(save_dir=str(place), name="", version=name, default_hp_metric=False),
             )
 
+    def instantiate_classes(self) -> None:
+        with as_raised():
+            super().instantiate_classes()
+
     def after_instantiate_classes(self) -> None:
-        """Refuse random weights, leave the schedule to the model, and log at least once an epoch.
+        """Refuse random weights and what has none, leave the schedule to the model, and log at least once an epoch.
 
         Lightning would warn of 1000 epochs, and log no training loss where epochs have fewer batches than its interval.
         """
         self._check_weights()
+        if self.subcommand == "fit" and self.model.is_fixed:
+            name = type(self.model).__name__
+            raise UserError(f"{name} has no parameters, so there is nothing to fit; `envpred test` it")
         if self.placed:  # what is saved of the configuration is for runs in other places, too
             self._options.trainer.logger = None
         batches = max(1, self.datamodule.samples // (self.datamodule.batch_size * self.trainer.world_size))

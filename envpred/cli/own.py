@@ -11,6 +11,7 @@ from envpred.cli.registry import COMMANDS
 from envpred.cli.signatures import options
 from envpred.cli.sweeps import module
 from envpred.cli.tokens import plain
+from envpred.errors import as_raised
 from envpred.interrupts import ends_at_once
 
 
@@ -49,7 +50,9 @@ def parsed(name: str, function: Callable[..., Any], args: list[str], skip: tuple
     parser.add_function_arguments(function, as_positional=False, skip=skipped)
     known = options(command.function, skip=skip)
     tokens = ["--help" if token == "--help_all" else token for token in args]
-    found = parser.instantiate(parser.parse_args(plain(tokens, known, command.configs)))
+    given = parser.parse_args(plain(tokens, known, command.configs))
+    with as_raised():
+        found = parser.instantiate(given)
     return {key: found[key] for key in vars(found) if key != "config"}
 
 

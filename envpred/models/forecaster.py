@@ -122,8 +122,6 @@ class Forecaster(LightningModule):
 
     def _limit_epochs(self) -> None:
         """The schedule is the model's; --trainer.max_epochs can only cut it short."""
-        if self.is_fixed:
-            raise UserError(f"{type(self).__name__} has no parameters, so there is nothing to fit; `envpred test` it")
         if self.epochs is not None:
             limit = self.trainer.max_epochs
             self.trainer.fit_loop.max_epochs = self.epochs if limit in (None, -1) else min(int(limit or 0), self.epochs)
