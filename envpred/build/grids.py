@@ -53,7 +53,7 @@ def build(
         UserError: if drives fail (after the others are done), or the store does not fit.
     """
     if workers is not None and workers < 1:
-        raise UserError(f"--workers {workers} must be at least 1")
+        raise UserError(f"--workers {workers}: give at least 1")
     parameters = parameters or MappingParameters()
     if context is not None:
         parameters.grid.wider(context)  # refuses what does not fit

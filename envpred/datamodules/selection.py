@@ -11,6 +11,7 @@ from pathlib import Path
 
 from envpred.errors import UserError
 from envpred.store import Store, StoredDrive
+from envpred.store.groups import command
 
 # Drives that the paper's reference code names; it trains on all others.
 PAPER_VALIDATION = ("2011_09_26_drive_0005_sync", "2011_09_26_drive_0014_sync")
@@ -157,7 +158,7 @@ def usable_drives(folder: Path) -> dict[str, StoredDrive]:
     if not drives:
         unfinished = store.unfinished()
         hint = f" ({', '.join(unfinished)} unfinished)" if unfinished else ""
-        raise UserError(f"{folder}: holds no finished drive{hint}; run `envpred grids --store {folder}`")
+        raise UserError(f"{folder}: holds no finished drive{hint}; run `{command(folder, 'label')}`")
     kinds: dict[str, str] = {}
     for name, drive in drives.items():
         kinds.setdefault(f"{drive.period:.4g} s between frames, cells of {drive.grid.resolution:.4g} m", name)

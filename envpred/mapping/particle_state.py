@@ -82,7 +82,10 @@ class ParticleFilterParameters:
         if not self.period > 0:
             raise UserError(f"period of the particle filter must be positive, not {self.period} s")
         if self.matching and self.frame == "ego":
-            raise UserError("matching of the particle filter needs --particles.filter.frame ground: the other shifts")
+            raise UserError(
+                "matching of the particle filter needs cells that stay where they are, and those of the ego's frame "
+                "shift; give --particles.filter.frame ground"
+            )
         if self.frame not in ("ego", "ground"):
             raise UserError(f"frame of the particle filter must be 'ego' or 'ground', not {self.frame!r}")
 

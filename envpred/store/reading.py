@@ -82,7 +82,7 @@ class Store:
         """Note that `group` is made with `parameters` in this store, and return their hash.
 
         Raises:
-            UserError: if the store holds the group with other parameters and `force` is not set, or is no store.
+            UserError: if a drive has the group with other parameters and `force` is not set, or this is no store.
         """
         key = digest(parameters)
         index: dict[str, Any] = {"format": FORMAT, "groups": {}}
@@ -92,7 +92,9 @@ class Store:
             raise UserError(f"{self.folder}: holds other files and is no store; give an empty or a new folder")
         known = index["groups"].get(group)
         if known is not None and known["hash"] != key:
-            if not force:
+            # Where no drive is finished, as after a first build that failed, nothing was built with those.
+            built = any(group in drive.manifest["groups"] for drive in Store(self.folder).drives.values())
+            if built and not force:
                 raise UserError(
                     f"{self.folder}: its {group} grids were built with other parameters "
                     f"({_differences(known['parameters'], parameters)}); "

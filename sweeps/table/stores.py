@@ -15,6 +15,7 @@ from envpred.mapping.dogma import DogmaParameters
 from envpred.mapping.particle_state import GROUND, ParticleFilterParameters
 from envpred.store import FORMAT, GROUPS, DriveWriter, Store, StoredDrive
 from envpred.store.files import flat
+from envpred.store.groups import command as making
 
 from .plan import MAIN
 from .rollouts import ROLLOUT
@@ -72,8 +73,7 @@ def check(key: str, main: Path, source: Path | None, dynamic: bool) -> None:
     lacking = [drive.name for drive in Store(main).drives.values() if not drive.has("velocity")]
     if (dynamic or key in FILTERS) and lacking:
         raise UserError(
-            f"{main}: {', '.join(lacking)} hold no velocities; "
-            f"build them with `envpred grids --source ... --store {main} --dogma`"
+            f"{main}: {', '.join(lacking)} hold no velocities; build them with `{making(main, 'velocity')}`"
         )
 
 

@@ -1,6 +1,5 @@
 """The wider grid in a store: made in the same pass, or added later without touching what is there."""
 
-import shlex
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +14,7 @@ from envpred.mapping.mapper import MappingParameters
 from envpred.store import Store
 from tests.build import builds
 from tests.drives.synthetic import write_drive
+from tests.remedies import remedy
 
 pytestmark = pytest.mark.usefixtures("no_processes")
 
@@ -119,13 +119,12 @@ def test_the_command_that_a_missing_array_names_makes_it(source: Path, tmp_path:
     build(source, store)
     with pytest.raises(UserError) as failure:
         Store(store).drives[A].array(array)
-    _, command, _ = str(failure.value).split("`")
-    words = shlex.split(command.replace("DRIVES", str(source)))
-    assert words[0] == "envpred"
+    (command,) = remedy(failure.value)
+    words = [str(source) if word == "DRIVES" else word for word in command]
     few = (
         [] if array == "context_label" else ["--particles.filter.persistent", "500", "--particles.filter.births", "50"]
     )
-    main([*words[1:], *few])
+    main([*words, *few])
     assert all(drive.has(array) for drive in Store(store).drives.values())
     Store(store).check([A, B], [array])
 

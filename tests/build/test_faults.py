@@ -14,9 +14,11 @@ from typing import cast
 import pytest
 
 from envpred.build.executors import in_processes
+from envpred.cli import main
 from envpred.errors import UserError
 from envpred.store import Store
 from tests.build import builds
+from tests.remedies import remedy
 
 
 @pytest.fixture(scope="module")
@@ -112,6 +114,14 @@ def kill_once_it_counts() -> None:
         if frames:
             for worker in multiprocessing.active_children():
                 os.kill(cast(int, worker.pid), signal.SIGKILL)
+
+
+def test_fewer_workers_where_one_was_killed(source: Path, tmp_path: Path) -> None:
+    with pytest.raises(UserError, match="killed from outside") as failure:
+        kill_once_it_counts()
+    ((option,),) = remedy(failure.value)
+    main([*builds.command(source, tmp_path / "grids", "--drives=[2011_09_26_drive_0001_sync]")[3:], f"{option}=1"])
+    assert len(builds.all_valid(tmp_path / "grids")) == 1
 
 
 @pytest.mark.parametrize("again", range(6))  # a lock taken along would be held at most every other time

@@ -1,6 +1,7 @@
 """Building a store: what is mapped, what is skipped, and what goes wrong drive by drive."""
 
 import inspect
+import platform
 import shutil
 import subprocess
 from pathlib import Path
@@ -184,7 +185,7 @@ def test_drive_that_is_not_there_is_named(source: Path, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("workers", [0, -1])
 def test_number_of_workers_is_checked(source: Path, tmp_path: Path, workers: int) -> None:
-    with pytest.raises(UserError, match=f"--workers {workers} must be at least 1"):
+    with pytest.raises(UserError, match=f"--workers {workers}: give at least 1"):
         build(source, tmp_path / "grids", workers=workers)
 
 
@@ -261,3 +262,11 @@ def test_fault_of_the_program_is_not_hidden(tmp_path: Path, monkeypatch: pytest.
     monkeypatch.setattr(building, "find_drives", lambda _: [Faulty()])
     with pytest.raises(TypeError):
         build(tmp_path, tmp_path / "grids", workers=1)
+
+
+def test_a_store_that_a_worker_cannot_see_is_named(tmp_path: Path) -> None:
+    parameters, lacking = MappingParameters(), {"faulty": {"mapping": "key"}}
+    line = building._attempt(
+        Faulty(), lambda: None, store=tmp_path / "far", parameters=parameters, lacking=lacking, context=None
+    )
+    assert line == f"{tmp_path / 'far'}: not to be seen from {platform.node()}; give a folder that all workers share"

@@ -180,6 +180,17 @@ def test_group_of_a_drive_mapped_anew_meanwhile_is_refused(store: Path) -> None:
     assert not Store(store).drives["a"].has("velocity")
 
 
+def test_group_of_a_drive_removed_meanwhile_is_refused(store: Path) -> None:
+    def complete_too_late() -> None:
+        with DriveWriter(store, "a", "dogma", "k1", {}) as out:
+            out.add("velocity", np.float16, VELOCITY.shape).extend(VELOCITY)
+            shutil.rmtree(store / "a")
+
+    with pytest.raises(UserError, match=r"/a: was removed while dogma was built; run again"):
+        complete_too_late()
+    assert not (store / "a").exists()
+
+
 def test_unfinished_folder_is_ignored_and_built_again(store: Path) -> None:
     (store / "b").mkdir()
     (store / "b" / "label.npy").write_bytes(b"half")
