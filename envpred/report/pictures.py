@@ -31,7 +31,10 @@ def drawn_scenes(run: Run) -> dict[int, Scene]:
             error = np.square(forecast - scene.target).mean(axis=(1, 2))
             fits = np.allclose(error, judged[index], RELATIVE, ABSOLUTE)
         if not fits:
-            raise UserError(f"{file}: holds other forecasts than {run.file} judged; run `envpred test` again")
+            raise UserError(
+                f"{file}: holds other forecasts than {run.file} judged; "
+                f"delete {file.parent} and run `envpred test` again"
+            )
     return scenes
 
 

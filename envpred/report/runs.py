@@ -17,6 +17,8 @@ from envpred.results.result import FORMAT, RESULT
 
 Found = TypeVar("Found")
 NAMED = 4  # folders that a line names before it counts the others
+# Beside a new result the old one would still be found.
+_AGAIN = "delete it and run `envpred test` again"
 
 
 def read_runs(paths: Sequence[Path], same_inputs: bool = True) -> list[Run]:
@@ -49,10 +51,10 @@ def read_run(file: Path) -> Run:
     try:
         record = json.loads(file.read_text())
     except (OSError, ValueError) as error:
-        raise UserError(f"{file}: not a readable result ({error}); run `envpred test` again") from None
+        raise UserError(f"{file}: not a readable result ({error}); {_AGAIN}") from None
     if not isinstance(record, dict) or record.get("format") != FORMAT:
         found = record.get("format") if isinstance(record, dict) else None
-        raise UserError(f"{file}: format {found}, this version reads {FORMAT}; run `envpred test` again")
+        raise UserError(f"{file}: format {found}, this version reads {FORMAT}; {_AGAIN}")
     try:
         horizon_s = np.array(record["horizon_s"], np.float64)
         name, role, variant = str(record["model"]["name"]), str(record["role"]), str(record["variant"])
@@ -65,9 +67,9 @@ def read_run(file: Path) -> Run:
         }
         reliability = record["metrics"].get("reliability")
     except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise UserError(f"{file}: incomplete, {_what(error)}; run `envpred test` again") from None
+        raise UserError(f"{file}: incomplete, {_what(error)}; {_AGAIN}") from None
     if "mse" not in metrics or metrics["mse"].per_window is None:
-        raise UserError(f"{file}: incomplete, no mean squared error per window; run `envpred test` again")
+        raise UserError(f"{file}: incomplete, no mean squared error per window; {_AGAIN}")
     bins = {key: _array(value) for key, value in reliability.items()} if reliability else None
     label = f"{name} ({variant})" + (", untrained" if record["model"].get("untrained") else "")
     return Run(file, label, name, role, variant, horizon_s, metrics, bins, data, record)
@@ -105,9 +107,7 @@ def _measured(file: Path, key: str, value: dict[str, Any], horizons: int, window
     """A metric of a result file, complete and consistent with itself."""
     mean, error = _array(value["mean"]), _array(value["standard_error"])
     if mean.shape != (horizons,) or error.shape != (horizons,):
-        raise UserError(
-            f"{file}: partial, {key} has {len(mean)} of the {horizons} horizons; run `envpred test` again to the end"
-        )
+        raise UserError(f"{file}: partial, {key} has {len(mean)} of the {horizons} horizons; {_AGAIN}, to the end")
     about = About.of(value)
     if "per_window" not in value:
         return Measured(mean, error, None, about)
@@ -115,13 +115,13 @@ def _measured(file: Path, key: str, value: dict[str, Any], horizons: int, window
     if per_window.shape != (windows, horizons):
         raise UserError(
             f"{file}: partial, {key} has {len(per_window)} of the {windows} windows at {horizons} horizons; "
-            "run `envpred test` again to the end"
+            f"{_AGAIN}, to the end"
         )
     counted = np.isfinite(per_window)
     sums = np.where(counted, per_window, 0).sum(axis=0)
     again = np.divide(sums, counted.sum(axis=0), out=np.full(horizons, np.nan), where=counted.any(axis=0))
     if not np.allclose(again, mean, rtol=ROUNDING, equal_nan=True):
-        raise UserError(f"{file}: damaged, the mean of {key} is not that of its windows; run `envpred test` again")
+        raise UserError(f"{file}: damaged, the mean of {key} is not that of its windows; {_AGAIN}")
     return Measured(mean, error, per_window, about)
 
 

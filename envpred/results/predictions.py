@@ -73,12 +73,15 @@ class Predictions:
             raise UserError(
                 f"{folder}: holds no predictions ({MANIFEST} is missing); write some with `envpred predict`"
             )
-        self.manifest = read_json(folder / MANIFEST)
+        self.manifest = read_json(folder / MANIFEST, "predict")
         if self.manifest.get("format") != FORMAT or "windows" not in self.manifest:
             raise UserError(
-                f"{folder / MANIFEST}: no predictions of format {FORMAT}, which this version reads; "
-                "run `envpred predict` again"
+                f"{folder / MANIFEST}: no predictions of format {FORMAT}, which this version reads; {self._remedy}"
             )
+
+    @property
+    def _remedy(self) -> str:
+        return f"delete {self.folder} and run `envpred predict` again"  # which leaves a folder that holds files alone
 
     @property
     def windows(self) -> list[dict[str, Any]]:
@@ -103,7 +106,7 @@ class Predictions:
         except (OSError, ValueError, EOFError):
             array = None
         if array is None or zlib.crc32(array.tobytes()) != window["checksum"]:
-            raise UserError(f"{file}: missing or changed since it was written; run `envpred predict` again")
+            raise UserError(f"{file}: missing or changed since it was written; {self._remedy}")
         return np.asarray(array, np.float32)
 
     def scene(self, k: int, store: Store | None = None, method: str | None = None) -> Scene:

@@ -90,11 +90,11 @@ def together(scenes: Sequence[Scene]) -> Scene:
     for other in scenes[1:]:
         named = ", ".join(other.forecasts)
         if (other.drive, other.frames[-1]) != (first.drive, first.frames[-1]):
-            raise UserError(f"{named} forecasts another window ({other.where}) than {first.where}")
+            raise UserError(f"{named} forecasts another window ({other.where}) than {first.where}; draw it apart")
         if not np.allclose((other.resolution, other.period), (first.resolution, first.period)):
             raise UserError(
                 f"{named} forecasts cells of {other.resolution:.3g} m every {other.period:.3g} s, not of "
-                f"{first.resolution:.3g} m every {first.period:.3g} s"
+                f"{first.resolution:.3g} m every {first.period:.3g} s; draw it apart"
             )
         both = min(len(first.target), len(other.target))
         if first.target.shape[1:] != other.target.shape[1:] or not np.allclose(
@@ -158,4 +158,6 @@ def read_scenes(file: Path, method: str, oracle: bool = False) -> dict[int, Scen
                 for k, index in enumerate(arrays["index"])
             }
     except (OSError, ValueError, KeyError, IndexError, EOFError, zipfile.BadZipFile):
-        raise UserError(f"{file}: missing or damaged, though a result names it; run `envpred test` again") from None
+        raise UserError(
+            f"{file}: missing or damaged, though a result names it; delete {file.parent} and run `envpred test` again"
+        ) from None

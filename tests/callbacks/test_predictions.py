@@ -1,6 +1,10 @@
 """What `predict` writes: arrays a window, and a manifest that places them."""
 
+import errno
 import json
+import os
+import shutil
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +15,7 @@ from lightning.pytorch import Trainer
 from numpy.typing import NDArray
 
 from envpred.callbacks.predictions import PredictionWriter
+from envpred.cli import main
 from envpred.datamodules import Forecast, Seen
 from envpred.errors import UserError
 from envpred.mapping.evidence import pignistic
@@ -19,6 +24,7 @@ from envpred.models.forecaster import Forecaster
 from envpred.results.predictions import FORMAT, Predictions
 from envpred.store import Store
 from tests.models.trainers import grids, prednet, trainer
+from tests.remedies import remedy
 from tests.store.stores import write_store
 
 
@@ -139,6 +145,23 @@ def test_a_folder_that_holds_something_is_left_alone(gaps: Path, tmp_path: Path)
     assert len(predict(LastFrame(given=3), gaps, tmp_path / "empty").windows) == 3
 
 
+def test_a_folder_that_cannot_be_written_is_one_line(
+    gaps: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "file").write_text("")
+    run = trainer(tmp_path / "run", callbacks=[PredictionWriter(tmp_path / "file" / "out")])
+    with pytest.raises(UserError, match=r"file/out: cannot be written \(.+\); give another folder"):
+        run.predict(LastFrame(given=3), datamodule=grids(gaps, test=["a"]))
+
+    def full(*_: object, **__: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(np, "save", full)
+    with pytest.raises(UserError, match=r"/out: cannot be written \(No space left on device\); make room"):
+        predict(LastFrame(given=3), gaps, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
 def test_what_fails_half_way_leaves_nothing(gaps: Path, tmp_path: Path) -> None:
     class Fails(LastFrame):
         forecasts = 0
@@ -154,20 +177,44 @@ def test_what_fails_half_way_leaves_nothing(gaps: Path, tmp_path: Path) -> None:
     assert [file.name for file in tmp_path.iterdir()] == ["run_out"]
 
 
-def test_changed_and_missing_files_are_named(gaps: Path, tmp_path: Path) -> None:
-    found = predict(LastFrame(given=3), gaps, tmp_path / "out")
-    first, second, _ = (tmp_path / "out" / w["file"] for w in found.windows)
-    np.save(first, np.load(first) * 0.99)
-    second.unlink()
-    for k, file in ((0, first), (1, second)):
-        with pytest.raises(UserError, match="missing or changed") as refusal:
-            found.forecast(k)
-        assert str(file) in str(refusal.value)
-    (tmp_path / "out" / "manifest.json").write_text('{"format": 99}')
-    with pytest.raises(UserError, match=f"no predictions of format {FORMAT}"):
-        Predictions(tmp_path / "out")
-    with pytest.raises(UserError, match=r"manifest\.json is missing"):
-        Predictions(tmp_path)
+def rewrite(file: Path, **changes: Any) -> None:
+    file.write_text(json.dumps(json.loads(file.read_text()) | changes))
+
+
+DAMAGE: dict[str, Callable[[Path], object]] = {
+    "0000000009.npy: missing or changed": lambda out: np.save(out / "a" / "0000000009.npy", np.zeros((5, 16, 16))),
+    "0000000017.npy: missing or changed": lambda out: (out / "a" / "0000000017.npy").unlink(),
+    f"no predictions of format {FORMAT}": lambda out: rewrite(out / "manifest.json", format=99),
+    r"manifest\.json is missing": lambda out: (out / "manifest.json").unlink(),
+    r"manifest\.json: cannot be read": lambda out: (out / "manifest.json").write_text("{"),
+}
+
+
+@pytest.mark.parametrize("what", DAMAGE)
+def test_what_is_damaged_is_deleted_and_predicted_again(
+    gaps: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, what: str
+) -> None:
+    predict(LastFrame(given=3), gaps, tmp_path / "out")
+    DAMAGE[what](tmp_path / "out")
+    with pytest.raises(UserError, match=what) as refusal:
+        read_all(tmp_path / "out")
+    assert str(tmp_path / "out") in str(refusal.value)
+    predict_again(gaps, tmp_path / "out", refusal.value, monkeypatch)
+    assert read_all(tmp_path / "out") == 3
+
+
+def read_all(folder: Path) -> int:
+    found = Predictions(folder)
+    return len([found.forecast(k) for k in range(len(found.windows))])
+
+
+def predict_again(store: Path, folder: Path, message: object, patch: pytest.MonkeyPatch) -> None:
+    """Do what a message says that names `envpred predict`."""
+    patch.chdir(folder.parent)
+    shutil.rmtree(folder)
+    command = remedy(message)[-1]
+    data = [f"--data.{name}" for name in (f"store={store}", "test=[a, b]", "length=8", "given=3")]
+    main([*command, "--model=LastFrame", *data, f"--predictions.folder={folder}"])
 
 
 def test_scenes_have_targets_where_there_are_any(gaps: Path, tmp_path: Path) -> None:
@@ -183,11 +230,16 @@ def test_scenes_have_targets_where_there_are_any(gaps: Path, tmp_path: Path) -> 
     assert (len(alone.seen), len(alone.target)) == (0, 0)
 
 
-def test_another_store_is_refused(gaps: Path, tmp_path: Path) -> None:
+def test_another_store_is_refused(gaps: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     found = predict(LastFrame(given=3), gaps, tmp_path / "out")
-    other = write_store(tmp_path / "other", {"a": list(range(7, 27))}, seed=5)
-    with pytest.raises(UserError, match=f"{other}: does not hold the grids of a that {tmp_path / 'out'}"):
+    other = write_store(tmp_path / "other", {name: list(range(7, 27)) for name in "ab"}, seed=5)
+    with pytest.raises(UserError, match=f"{other}: does not hold the grids of a that {tmp_path / 'out'}") as refusal:
         found.scene(0, Store(other))
+    args = ["draw", str(tmp_path / "out"), f"--out={tmp_path / 'strip.png'}"]
+    (option, *_) = remedy(refusal.value)
+    main([*args, *option, str(gaps)])
+    predict_again(other, tmp_path / "out", refusal.value, monkeypatch)
+    assert Predictions(tmp_path / "out").scene(0, Store(other)).drive == "a"
 
 
 @pytest.mark.slow

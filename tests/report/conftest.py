@@ -3,7 +3,7 @@
 import io
 import json
 from collections.abc import Callable
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,8 @@ import torch
 from numpy.typing import NDArray
 from PIL import Image
 
+from envpred.callbacks.pictures import Pictures
+from envpred.cli import main
 from envpred.metrics.calibration import Reliability
 from envpred.metrics.horizon_mse import HorizonMSE
 from envpred.metrics.overlap import IoU
@@ -22,6 +24,8 @@ from envpred.models import FCNForecaster, Forecaster, MovedLastFrame, ParticleFo
 from envpred.report import report
 from envpred.results.result import FORMAT, short_name
 from envpred.results.scenes import Scene, write_scenes
+from tests.remedies import remedy
+from tests.store.stores import write_store
 
 HORIZONS, WINDOWS = 15, 30
 DRAWN_WINDOWS = (0, WINDOWS - 1)
@@ -178,3 +182,27 @@ def all_runs(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
 def page(all_runs: list[Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The report of all of them."""
     return report(all_runs, tmp_path_factory.mktemp("report"))
+
+
+@pytest.fixture(scope="session")
+def mend(tmp_path_factory: pytest.TempPathFactory) -> Callable[[object], Path]:
+    """Runs the command that a message names, with the options of a test run; returns the folder of its result.
+
+    What it writes does not depend on what the message is about, so that one run of a command does for all.
+    """
+    root = tmp_path_factory.mktemp("mended")
+    store = write_store(root / "grids", {name: list(range(40)) for name in "abc"}, cells=8)
+
+    @cache
+    def run(command: str) -> Path:
+        with pytest.MonkeyPatch.context() as patch:
+            patch.chdir(root)
+            patch.setattr(Pictures, "on_test_end", lambda *_: None)  # drawing takes longer than all else
+            main([command, "--model=LastFrame", f"--data.store={store}", "--data.test=[c@-20]"])
+        return next(root.rglob("result.json")).parent
+
+    def mended(message: object) -> Path:
+        ((command,),) = remedy(message)
+        return run(command)
+
+    return mended

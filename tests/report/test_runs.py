@@ -14,10 +14,12 @@ from envpred.models import FCNForecaster, ParticleForecast, PredNetForecaster
 from envpred.report import report
 from envpred.report.runs import read_runs
 from envpred.results.scenes import read_scenes, write_scenes
+from tests.remedies import commands
 from tests.report.conftest import draw_windows
 
 MakeRun = Callable[..., Path]
 Record = dict[str, Any]
+Mend = Callable[[object], Path]
 
 
 def test_reads_files_folders_and_folders_of_folders(make_run: MakeRun) -> None:
@@ -50,7 +52,7 @@ def test_undefined_values_stay_undefined(make_run: MakeRun) -> None:
     assert np.isnan(run.metrics["iou"].mean[0])
 
 
-def mend(key: str, value: object) -> Callable[[Record], object]:
+def told(key: str, value: object) -> Callable[[Record], object]:
     return lambda record: record["data"].update({key: value})
 
 
@@ -63,34 +65,36 @@ def cut_horizons(record: Record) -> None:
 
 
 MIXED = {
-    "other grids .built again since": mend("store_hash", "other"),
-    "other split: paper against auto": mend("split", "paper"),
-    "other number of frames shown: 4 against 5": mend("given", 4),
-    "other window length: 25 against 20": mend("length", 25),
-    "other test drives": mend("drives", ["drive_c"]),
-    "other test windows": mend("windows", [["drive_a", 7 * n] for n in range(30)]),
+    "other grids .built again since": told("store_hash", "other"),
+    "other split: paper against auto": told("split", "paper"),
+    "other number of frames shown: 4 against 5": told("given", 4),
+    "other window length: 25 against 20": told("length", 25),
+    "other test drives": told("drives", ["drive_c"]),
+    "other test windows": told("windows", [["drive_a", 7 * n] for n in range(30)]),
     "other horizons": cut_horizons,
-    "other window rule": mend("window_rule", "every window"),
+    "other window rule": told("window_rule", "every window"),
     "static baseline differs": lambda r: r["metrics"].update(static_mse=r["metrics"]["mse"]),
 }
 
 
 @pytest.mark.parametrize("reason", MIXED)
-def test_mixed_results_are_refused(make_run: MakeRun, tmp_path: Path, reason: str) -> None:
+def test_mixed_results_are_refused(make_run: MakeRun, tmp_path: Path, mend: Mend, reason: str) -> None:
     one, two = make_run(), make_run(FCNForecaster, "prob_dogma", change=MIXED[reason])
     with pytest.raises(UserError, match=reason) as refusal:
         report([one, two], tmp_path / "out")
     assert str(two) in str(refusal.value)
     assert not (tmp_path / "out").exists()
+    if commands(str(refusal.value)):
+        assert report([mend(refusal.value)], tmp_path / "out").is_file()
 
 
-def test_other_velocities_are_refused_whatever_stands_between(make_run: MakeRun, tmp_path: Path) -> None:
+def test_other_velocities_are_refused_whatever_stands_between(make_run: MakeRun, tmp_path: Path, mend: Mend) -> None:
     """What is judged is the same for all variants, so only what reads velocities tells that they were built anew."""
     velocities = [{"velocity": hashed, "velocity_cov": "same"} for hashed in ("first", "second")]
     static = make_run(PredNetForecaster, "prob_static")
-    one = make_run(PredNetForecaster, "prob_dogma", change=mend("input_hash", velocities[0]))
-    again = make_run(FCNForecaster, "prob_dogma", change=mend("input_hash", velocities[1]))
-    particles = make_run(ParticleForecast, "dst_dogma", change=mend("input_hash", {"particle_forecast": "third"}))
+    one = make_run(PredNetForecaster, "prob_dogma", change=told("input_hash", velocities[0]))
+    again = make_run(FCNForecaster, "prob_dogma", change=told("input_hash", velocities[1]))
+    particles = make_run(ParticleForecast, "dst_dogma", change=told("input_hash", {"particle_forecast": "third"}))
     assert len(read_runs([static, one, particles])) == 3  # read other arrays, not another content of one
     assert len(read_runs([one, again], same_inputs=False)) == 2  # where velocities are what is compared
     with pytest.raises(UserError, match=r"read another velocity \(built again since") as refusal:
@@ -98,6 +102,7 @@ def test_other_velocities_are_refused_whatever_stands_between(make_run: MakeRun,
     assert str(again) in str(refusal.value)
     assert str(one) in str(refusal.value)
     assert not (tmp_path / "out").exists()
+    assert len(read_runs([mend(refusal.value)])) == 1
 
 
 def swap_windows(folder: Path) -> None:
@@ -119,7 +124,9 @@ DRAWN: dict[str, Callable[[Path], object]] = {
 
 
 @pytest.mark.parametrize("reason", DRAWN)
-def test_forecasts_that_do_not_fit_their_result_are_refused(make_run: MakeRun, tmp_path: Path, reason: str) -> None:
+def test_forecasts_that_do_not_fit_their_result_are_refused(
+    make_run: MakeRun, tmp_path: Path, mend: Mend, reason: str
+) -> None:
     folder = make_run()
     draw_windows(folder)
     DRAWN[reason](folder)
@@ -127,6 +134,8 @@ def test_forecasts_that_do_not_fit_their_result_are_refused(make_run: MakeRun, t
         report([folder], tmp_path / "out")
     assert str(folder) in str(refusal.value)
     assert not (tmp_path / "out").exists()
+    assert f"delete {folder} and" in str(refusal.value)
+    assert len(read_runs([mend(refusal.value)])) == 1
 
 
 def test_forecasts_judged_on_other_grids_are_refused(make_run: MakeRun, tmp_path: Path) -> None:
@@ -167,34 +176,38 @@ PARTIAL: dict[str, Callable[[Record], object]] = {
     "incomplete, 'windows' is missing": lambda r: r["data"].pop("windows"),
     "incomplete, no mean squared error per window": lambda r: r["metrics"].pop("mse"),
     "no mean squared error per window": lambda r: r["metrics"]["mse"].pop("per_window"),
-    "incomplete, .*; run `envpred test` again": lambda r: r["metrics"].update(iou=None),
+    "incomplete, .*; delete it and run `envpred test` again": lambda r: r["metrics"].update(iou=None),
     "cannot be read": lambda r: r.update(pictures={"strip": "gone.png"}),
     "not a picture": lambda r: r.update(pictures={"strip": "result.json"}),
 }
 
 
 @pytest.mark.parametrize("reason", PARTIAL)
-def test_partial_and_damaged_results_are_refused(make_run: MakeRun, tmp_path: Path, reason: str) -> None:
+def test_partial_and_damaged_results_are_refused(make_run: MakeRun, tmp_path: Path, mend: Mend, reason: str) -> None:
     folder = make_run(change=PARTIAL[reason])
     with pytest.raises(UserError, match=reason) as refusal:
         report([folder], tmp_path / "out")
     assert str(folder) in str(refusal.value)
     assert not (tmp_path / "out").exists()
+    if commands(str(refusal.value)):
+        assert len(read_runs([mend(refusal.value)])) == 1
 
 
-def test_unreadable_and_missing_results_are_refused(make_run: MakeRun, tmp_path: Path) -> None:
+def test_unreadable_and_missing_results_are_refused(make_run: MakeRun, tmp_path: Path, mend: Mend) -> None:
     folder = make_run()
     text = (folder / "result.json").read_text()
-    (folder / "result.json").write_text(text[: len(text) // 2])
-    with pytest.raises(UserError, match="not a readable result"):
-        read_runs([folder])
-    (folder / "result.json").write_text(json.dumps([1, 2]))
-    with pytest.raises(UserError, match="format None"):
-        read_runs([folder])
-    with pytest.raises(UserError, match=r"nowhere: no such file or folder"):
-        read_runs([make_run(), tmp_path / "nowhere"])
-    with pytest.raises(UserError, match="no test run given"):
-        read_runs([])
+    contents: dict[str, tuple[list[Path], str]] = {
+        "not a readable result": ([folder], text[: len(text) // 2]),
+        "format None": ([folder], json.dumps([1, 2])),
+        r"nowhere: no such file or folder": ([make_run(), tmp_path / "nowhere"], text),
+        "no test run given": ([], text),
+    }
+    for reason, (given, content) in contents.items():
+        (folder / "result.json").write_text(content)
+        with pytest.raises(UserError, match=reason) as refusal:
+            read_runs(given)
+        if commands(str(refusal.value)):
+            assert len(read_runs([mend(refusal.value)])) == 1
 
 
 def test_folders_without_a_result_are_left_out(
