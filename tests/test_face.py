@@ -57,3 +57,7 @@ def test_a_checkpoint_that_is_none_is_refused(tmp_path: Path) -> None:
     torch.save({"state_dict": {}, "class_path": "numpy.ndarray", "hyper_parameters": {}}, tmp_path / "b.ckpt")
     with pytest.raises(UserError, match=r"b\.ckpt: numpy\.ndarray is no forecaster"):
         envpred.load_forecaster(tmp_path / "b.ckpt")
+    file = tmp_path / "c.ckpt"
+    torch.save({"state_dict": {}, "class_path": "envpred.models.PredNetForecaster", "hyper_parameters": {}}, file)
+    with pytest.raises(UserError, match=r"c\.ckpt: its weights are not those of envpred\.models\.PredNetForecaster"):
+        envpred.load_forecaster(file)

@@ -82,7 +82,8 @@ class GridDataModule(LightningDataModule):
     ) -> None:
         super().__init__()
         if given < 1 or (length is not None and given >= length):
-            raise UserError(f"--data.given {given} must be at least 1 and below --data.length {length}")
+            of = "" if length is None else f" of --data.length {length}"
+            raise UserError(f"--data.given {given}{of}: give at least 1, and leave a frame to forecast")
         for name, value in (
             ("samples", samples),
             ("val_windows", val_windows),

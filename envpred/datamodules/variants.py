@@ -109,5 +109,5 @@ def variant(name: str) -> Variant:
             raise UserError(f"--data.variant {name}: {error}; give a module that Python finds from here") from None
         if isinstance(found, Variant):
             return found
-        raise UserError(f"--data.variant {name}: {module} holds no Variant of the name {attribute}")
+        raise UserError(f"--data.variant {name}: {module} holds no Variant of that name; give one that it holds")
     raise UserError(f"no input variant {name!r}; there are {', '.join(VARIANTS)}, or give module.NAME of your own")

@@ -80,11 +80,14 @@ class PredNetForecaster(Forecaster):
         inputs = len(self.view.channels)
         if not 1 <= len(layer_weights) <= len(channels) + 1 or min(layer_weights) < 0 or max(layer_weights) == 0:
             raise UserError(
-                f"--model.layer_weights needs 1 to {len(channels) + 1} numbers, none below 0 and one above, "
-                f"not {layer_weights}"
+                f"--model.layer_weights {layer_weights}: give 1 to {len(channels) + 1} numbers, none below 0 and one "
+                "above"
             )
         if min(t1_epochs, t5_epochs) < 0 or t1_epochs + t5_epochs == 0:
-            raise UserError("--model.t1_epochs and --model.t5_epochs cannot be below 0, nor both 0")
+            raise UserError(
+                f"--model.t1_epochs {t1_epochs}, --model.t5_epochs {t5_epochs}: give numbers of which none is below 0, "
+                "and one above"
+            )
         signed = tuple(self.view.velocity or ())
         self.network = PredNet((inputs, *channels), feedback=feedback, signed_channels=signed)
         while len(layer_weights) > 1 and layer_weights[-1] == 0:

@@ -123,7 +123,7 @@ def _one_line_for_disk_errors(place: Path) -> Iterator[None]:
     except OSError as error:
         if error.errno == errno.ENOSPC:
             raise UserError(f"{place}: no space left on the disk; free some or give another folder") from None
-        raise UserError(f"{place}: cannot be written ({error.strerror or error})") from None
+        raise UserError(f"{place}: cannot be written ({error.strerror or error}); give another folder") from None
 
 
 def _start(counter: "Synchronized[int]") -> None:

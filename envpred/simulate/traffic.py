@@ -20,6 +20,7 @@ LANES = ("driving", "parking", "cycleway", "sidewalk", "crossing", "walkingarea"
 RATE = 10.0  # scans a second
 
 _VERSION = 1
+_WITHOUT = "give another, or none to use the built-in one"
 _UNIT = 0.01  # metres: positions are stored in whole centimetres
 _SMOOTH = 3.0  # standard deviation, in scans, that takes the corners out of SUMO's paths
 _TOW_STEPS = 5  # steps from scan to scan in which the rear axle is towed
@@ -109,15 +110,15 @@ class Recording:
         try:
             with np.load(path, allow_pickle=False) as data:
                 if int(data["version"]) != _VERSION:
-                    raise UserError(f"{path} is a recording of version {data['version']}, this reads {_VERSION}")
+                    raise UserError(
+                        f"{path}: a recording of version {data['version']}, this reads {_VERSION}; {_WITHOUT}"
+                    )
                 networks = [_network(data, k, str(name)) for k, name in enumerate(data["names"])]
                 return cls(float(data["interval"]), float(data["seconds"]), networks)
         except FileNotFoundError as error:
-            raise UserError(
-                f"there is no traffic recording {path}: leave the option out to use the built-in"
-            ) from error
+            raise UserError(f"{path}: no such recording of traffic; {_WITHOUT}") from error
         except (KeyError, ValueError, BadZipFile, OSError, EOFError) as error:
-            raise UserError(f"{path} is not a traffic recording of ours ({error})") from error
+            raise UserError(f"{path}: no recording of traffic of ours ({error}); {_WITHOUT}") from error
 
 
 def _network(data: np.lib.npyio.NpzFile, k: int, name: str) -> Network:

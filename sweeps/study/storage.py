@@ -82,7 +82,9 @@ def told(folder: Path, url: str | None = None) -> Iterator[None]:
         ) from None
     except (StorageInternalError, SQLAlchemyError) as error:
         reason = " ".join(str(error.__cause__ or error).split())
-        raise UserError(f"--storage {hidden(url or '')}: not reachable ({reason[:300]})") from None
+        raise UserError(
+            f"--storage {hidden(url or '')}: not reachable ({reason[:300]}); start it, or mend its URL"
+        ) from None
 
 
 def hidden(url: str) -> str:

@@ -116,11 +116,12 @@ def kill_once_it_counts() -> None:
                 os.kill(cast(int, worker.pid), signal.SIGKILL)
 
 
-def test_fewer_workers_where_one_was_killed(source: Path, tmp_path: Path) -> None:
+def test_fewer_workers_where_one_was_killed(tmp_path: Path) -> None:
     with pytest.raises(UserError, match="killed from outside") as failure:
         kill_once_it_counts()
     ((option,),) = remedy(failure.value)
-    main([*builds.command(source, tmp_path / "grids", "--drives=[2011_09_26_drive_0001_sync]")[3:], f"{option}=1"])
+    builds.write_long_drive(tmp_path, "0001", 10)
+    main([*builds.command(tmp_path, tmp_path / "grids")[3:], f"{option}=1"])
     assert len(builds.all_valid(tmp_path / "grids")) == 1
 
 

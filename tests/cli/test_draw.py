@@ -17,6 +17,7 @@ from envpred.models.forecaster import Forecaster
 from envpred.results.result import RESULT
 from tests.drives.synthetic import write_drive
 from tests.models.trainers import grids, trainer
+from tests.remedies import refusal, remedy
 from tests.report.conftest import record
 from tests.results.predictions import FORECAST, folder_of
 from tests.store.stores import write_store
@@ -132,6 +133,16 @@ def test_folders_without_forecasts_are_left_out(
     assert beside.read_bytes() == alone.read_bytes()
     with pytest.raises(UserError, match=f"{trained}, {undrawn}: no forecasts there"):
         draw([trained, undrawn], beside)
+
+
+def test_an_empty_folder_names_what_fills_it(store: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("empty").mkdir()
+    for (command,) in remedy(refusal(["draw", "empty", "--out=strip.png"])):
+        main([command, "--model=LastFrame", f"--data.store={store}", f"--data.test=[{DRIVE}]"])
+        folder = max(Path("runs").rglob("version_*"), key=lambda run: run.stat().st_mtime)
+        main(["draw", str(folder), f"--out={command}.png"])
+        assert Path(f"{command}.png").is_file()
 
 
 def test_horizons_are_multiples_of_the_predictions_own_period(tmp_path: Path) -> None:

@@ -168,6 +168,8 @@ def test_samples_and_batches(store: Path) -> None:
         ({"given": 20, "length": 20}, "--data.given 20"),
         ({"samples": 0}, "--data.samples"),
         ({"variant": "dst_statik"}, "no input variant 'dst_statik'; there are dst_static"),
+        ({"variant": "nowhere.MINE"}, "variant nowhere.MINE: No module named 'nowhere'; give a module that Python"),
+        ({"variant": "envpred.MINE"}, "variant envpred.MINE: envpred holds no Variant of that name; give one that"),
     ],
 )
 def test_what_does_not_fit_is_refused(store: Path, options: dict[str, object], line: str) -> None:

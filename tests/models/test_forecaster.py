@@ -83,6 +83,15 @@ class OneConvolution(Forecaster):
         return Forecast(torch.cat([self.kernel(seen["frames"][:, -1]) for _ in range(horizons)], 1))
 
 
+def test_a_forecast_of_other_horizons_is_refused(store: Path, tmp_path: Path) -> None:
+    class Short(LastFrame):
+        def forecast(self, seen: Seen, horizons: int) -> Forecast:
+            return super().forecast(seen, horizons - 1)
+
+    with pytest.raises(UserError, match=r"Short forecast \(1, 4, 16, 16\) where .* = \(1, 5, 16, 16\) was asked for"):
+        trainer(tmp_path).predict(Short(given=3), datamodule=grids(store, test=["b"]))
+
+
 def test_samples_of_other_forecasts_are_refused(store: Path, tmp_path: Path) -> None:
     class Drawing(LastFrame):
         """Draws as many samples as there are horizons, in the wrong order of axes."""

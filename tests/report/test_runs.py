@@ -211,7 +211,7 @@ def test_unreadable_and_missing_results_are_refused(make_run: MakeRun, tmp_path:
 
 
 def test_folders_without_a_result_are_left_out(
-    make_run: MakeRun, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    make_run: MakeRun, tmp_path: Path, mend: Mend, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """As `envpred report runs/*/*/version_*` names them: runs of training beside those of tests."""
     trained = [tmp_path / f"version_{n}" for n in range(6)]
@@ -226,9 +226,11 @@ def test_folders_without_a_result_are_left_out(
     assert capsys.readouterr().err == f"skipped 6 folders without result.json: {some} and 2 more\n"
     with pytest.raises(UserError, match=rf"^{first}, .* and 2 more: no result\.json there; run `envpred test` first"):
         read_runs(trained)
-    with pytest.raises(UserError, match=rf"^{first}: no result\.json there"):
+    with pytest.raises(UserError, match=rf"^{first}: no result\.json there") as refusal:
         read_runs([trained[0]])
     assert capsys.readouterr().err == ""
+    assert len(read_runs([mend(refusal.value)])) == 1
+    capsys.readouterr()
     read_runs([tested])
     assert capsys.readouterr().err == ""
 

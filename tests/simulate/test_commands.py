@@ -1,20 +1,37 @@
 """The simulator's commands, from the command line to their files."""
 
 import re
+import shutil
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import NoReturn
 
 import pytest
 
 from envpred.cli import main
-from envpred.simulate import commands, record
+from envpred.simulate import commands, record, run
 from envpred.simulate.run import builtin_recording
+from envpred.simulate.traffic import Recording
+from tests.drives.synthetic import write_drive, write_sequence
+from tests.remedies import refusal, remedy
 
 
 @pytest.fixture(scope="module")
 def simulated(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    out = tmp_path_factory.mktemp("simulated") / "drives"
-    main(["simulate", str(out), "--drives", "1", "--frames", "6", "--seed", "5", "--workers", "1"])
-    return out
+    """What `envpred scan` asks for where it is given drives that nobody simulated."""
+    root = tmp_path_factory.mktemp("simulated")
+    write_drive(root / "raw", frames=2)
+    write_sequence(root / "odometry", frames=2)
+    commands = []
+    for source, line in (("raw", "only drives of `envpred simulate` know"), ("odometry", "no simulated drive")):
+        message = refusal(["scan", "--source", str(root / source), "--out", "x.png"])
+        assert line in message
+        commands.append(remedy(message))
+    assert commands[0] == commands[1]
+    ((command,),) = commands[0]
+    main([command, str(root / "drives"), "--drives", "1", "--frames", "6", "--seed", "5", "--workers", "1"])
+    return root / "drives"
 
 
 def test_pictures_of_scan_and_traffic(simulated: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -56,12 +73,35 @@ def test_wrong_arguments_are_one_line(
     assert re.search(words, error)
 
 
-def test_a_real_drive_has_no_classes_to_draw(simulated: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    for file in simulated.glob("*/*/labels/0000000003.label"):
-        file.unlink()
-    with pytest.raises(SystemExit):
-        main(["scan", "--source", str(simulated), "--frame", "3", "--out", "x.png"])
-    assert "only drives of `envpred simulate` know the class" in capsys.readouterr().err
+class StartedError(Exception):
+    """The drives would be made now."""
+
+
+def start(*_: object) -> NoReturn:
+    raise StartedError
+
+
+def test_a_longer_recording_and_fewer_drives(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is asked for when a recording is too short, or the disk too small."""
+    monkeypatch.setattr(run, "ProcessPoolExecutor", start)
+    short = Recording.load(builtin_recording())
+    tracks = [replace(track, places=track.places[:5]) for track in short.networks[0].tracks]
+    Recording(short.interval, short.seconds, [replace(short.networks[0], tracks=tracks)]).save(tmp_path / "short.npz")
+    args = ["simulate", str(tmp_path / "drives"), "--drives=2", "--frames=90"]
+    ((recording,),) = remedy(refusal([*args, f"--recording={tmp_path / 'short.npz'}"]))
+    args.append(f"{recording}={builtin_recording()}")
+    with pytest.raises(StartedError):
+        main(args)
+    shutil.rmtree(tmp_path / "drives")
+    with monkeypatch.context() as small:
+        free = 100 * run._SCAN_BYTES
+        small.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=free))
+        fewer = remedy(refusal(args))
+        assert len(fewer) == 2
+        for (option,) in fewer:
+            with pytest.raises(StartedError):
+                main([*args, f"{option}={50 if 'frames' in option else 1}"])
+            shutil.rmtree(tmp_path / "drives")
 
 
 def test_a_recording_is_never_overwritten(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -266,6 +266,12 @@ def test_a_folder_that_holds_something_is_left_alone(tmp_path: Path) -> None:
     assert os.listdir(tmp_path) == ["thesis.txt"]
 
 
+def test_a_folder_that_cannot_be_written_is_one_line(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(UserError, match=r"file/out: cannot be written \(Not a directory\); give another folder"):
+        simulate(tmp_path / "file" / "out", drives=1, frames=2, workers=1)
+
+
 def test_a_drive_longer_than_the_recording_names_the_longest(tmp_path: Path) -> None:
     with pytest.raises(UserError, match=r"no car of the recording .*longest: 2[0-9]{3} frames"):
         simulate(tmp_path / "out", drives=1, frames=5000, workers=1)

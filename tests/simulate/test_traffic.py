@@ -1,6 +1,8 @@
 """Recordings of traffic: what is written is read back, and tracks become smooth motion."""
 
+import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,6 +12,7 @@ from envpred.simulate import record
 from envpred.simulate.run import builtin_recording
 from envpred.simulate.streets import TOWNS, write_network
 from envpred.simulate.traffic import KINDS, LANES, Network, Recording, Track
+from tests.remedies import installs, remedy
 
 
 def recording_of(*tracks: Track) -> Recording:
@@ -97,14 +100,16 @@ def test_cars_do_not_drive_through_each_other() -> None:
             assert (gaps.min(axis=1) < 1.2).mean() < 0.05
 
 
-@pytest.mark.parametrize("content", [None, b"", b"no zip", "npz"])
+@pytest.mark.parametrize("content", [None, b"", b"no zip", "npz", "version"])
 def test_what_is_no_recording_is_refused_in_one_line(tmp_path: Path, content: bytes | str | None) -> None:
     path = tmp_path / "x.npz"
     if content == "npz":
         np.savez(path, a=np.zeros(3))
+    elif content == "version":
+        np.savez(path, version=99)
     elif isinstance(content, bytes):
         path.write_bytes(content)
-    with pytest.raises(UserError, match=r"x\.npz") as caught:
+    with pytest.raises(UserError, match=r"x\.npz: .* give another, or none to use the built-in one") as caught:
         Recording.load(path)
     assert "\n" not in str(caught.value)
 
@@ -118,9 +123,26 @@ def test_a_network_is_drawn_from_its_seed(tmp_path: Path) -> None:
 
 
 def test_recording_needs_sumo_and_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(__import__("sys").modules, "libsumo", None)
-    with pytest.raises(UserError, match=r"envpred\[sim\]"):
+    monkeypatch.setitem(sys.modules, "libsumo", None)
+    with pytest.raises(UserError, match="recording traffic needs SUMO") as failure:
         record.record(tmp_path / "r.npz")
+    (command,) = remedy(failure.value)
+    assert {"eclipse-sumo", "libsumo", "sumolib"} <= installs(command)
+
+
+def test_what_cannot_be_recorded_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Too few seconds, and a town that SUMO's own program makes no network of."""
+    for name in ("libsumo", "sumo", "sumolib"):
+        monkeypatch.setitem(sys.modules, name, SimpleNamespace(SUMO_HOME=tmp_path))
+    with pytest.raises(UserError, match="a recording of 3 s is too short for a drive: ask for at least 10 s"):
+        record.record(tmp_path / "r.npz", seconds=3)
+    program = tmp_path / "bin" / "netconvert"
+    program.parent.mkdir()
+    program.write_text("#!/bin/sh\necho no edges >&2; exit 1")
+    program.chmod(0o755)
+    with pytest.raises(UserError, match=f"netconvert failed on the network {TOWNS[0].name}: no edges"):
+        record.record(tmp_path / "r.npz")
+    assert not (tmp_path / "r.npz").exists()
 
 
 @pytest.mark.slow

@@ -12,8 +12,9 @@ from envpred.results.result import RESULT
 from sweeps.ablation import main
 from sweeps.runs.trial import TrialFailedError, logged_to
 from sweeps.table.job import CONFIG, Job
+from tests.remedies import remedy
 from tests.store.stores import write_store
-from tests.sweeps.conftest import SMALL
+from tests.sweeps.conftest import SMALL, tuning
 
 
 @pytest.fixture
@@ -150,7 +151,7 @@ def test_a_failed_run_is_told_and_the_others_are_done(
     [
         (["--switches=[ransac]"], "give their folder as --source"),
         (["--switches=[one]"], "there are t1_only"),
-        (["--tuned=nowhere"], "run `envpred tune` first"),
+        (["--workers=0"], "--workers 0: give at least 1"),
         (["--model.chanels=[4]"], "no option chanels; did you mean --model.channels"),
     ],
 )
@@ -165,11 +166,33 @@ def test_mistakes_are_one_line(
     assert not (tmp_path / "out").exists()
 
 
-def test_velocities_are_asked_for(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    plain = write_store(tmp_path / "plain", {name: list(range(40)) for name in "abc"})
+def refused(args: list[str], capsys: pytest.CaptureFixture[str]) -> list[list[str]]:
+    """What the user is told to do."""
     with pytest.raises(SystemExit):
-        main(arguments(plain, tmp_path / "out"))
-    assert "a, b, c hold no velocities" in capsys.readouterr().err
+        main(args)
+    return remedy(capsys.readouterr().err)
+
+
+@pytest.mark.usefixtures("stubbed")
+def test_what_the_user_is_told_to_do_makes_a_plan(
+    store: Path, space_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    args = arguments(store, tmp_path / "out", "--dry_run=true")
+    (tune,), (option,) = refused([*args, f"--tuned={tmp_path}"], capsys)
+    main([arg for arg in [*args, f"--tuned={tmp_path}"] if not arg.startswith(option)])
+    envpred([tune, *tuning(store, space_file, tmp_path, "--trials=1", "--variant=prob_static")])
+    main([*args, f"--tuned={tmp_path}"])
+    for (option,) in refused([*args, "--switches=[ransac]"], capsys):
+        given = {"--source": f"--source={tmp_path}", "--switches": "--switches=[t5_only]"}[option]
+        main([*args, "--switches=[ransac]", given])
+
+
+def test_velocities_are_asked_for(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    plain = write_store(tmp_path / "plain", {name: list(range(40)) for name in "abc"}, cells=8)
+    args = arguments(plain, tmp_path / "out", "--dry_run=true")
+    (command,) = refused(args, capsys)
+    envpred([*command, "--workers=1", "--particles.filter.persistent=50", "--particles.filter.births=5"])
+    main(args)
 
 
 @pytest.mark.slow

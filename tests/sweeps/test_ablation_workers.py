@@ -38,6 +38,13 @@ def test_two_at_once_with_their_share_of_the_cores(tmp_path: Path, monkeypatch: 
     assert threads == [processes.threads_each(2)] * 4
 
 
+def test_a_test_that_leaves_no_result_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Job, "_call", lambda *_: None)
+    (job,) = jobs(tmp_path, "a")
+    with pytest.raises(UserError, match=rf"{job.folder}: `envpred test` left no result\.json; see test\.log there"):
+        job.do()
+
+
 def test_children_are_told_how_many_threads_to_use(tmp_path: Path) -> None:
     with (tmp_path / "log").open("wb") as log:
         assert processes.start(["sh", "-c", "echo $OMP_NUM_THREADS"], log, threads=3).wait() == 0

@@ -15,6 +15,7 @@ from envpred.cli.arguments import FitArguments
 from envpred.errors import UserError
 from sweeps.study.best import BEST
 from sweeps.tune import main, tune
+from tests.remedies import remedy
 from tests.store.stores import write_store
 from tests.sweeps.conftest import SMALL, tuning
 
@@ -74,11 +75,18 @@ def test_studies_of_other_grids_spaces_and_configurations_are_refused(
     line = failed(tuning(other, space_file, tmp_path, *common), capsys)
     assert "made with another data" in line
     assert "configuration" not in line  # a store may lie anywhere
-    assert "another configuration" in failed(tuning(store, space_file, tmp_path, *common, "--data.samples=4"), capsys)
+    changed = tuning(store, space_file, tmp_path, *common, "--data.samples=4")
+    line = failed(changed, capsys)
+    assert "another configuration" in line
+    (name,), force = remedy(line)
+    main([*changed, *force])
+    main([*changed, f"{name}=u"])
     space_file.write_text("model.t1_lr: {low: 1e-4, high: 1e-3}")
     assert "another space" in failed(tuning(store, space_file, tmp_path, *common), capsys)
     line = failed(tuning(store, space_file, tmp_path, *common, "--force=true"), capsys)
     assert "model.t1_lr was searched otherwise in trial 0" in line
+    ((name,),) = remedy(line)
+    main(tuning(store, space_file, tmp_path, "--trials=1", f"{name}=t"))
     space_file.write_text("model.t1_lr: {low: 1e-4, high: 1e-3, log: true}")
     main(tuning(store, space_file, tmp_path, *common, "--trials=2", "--force=true"))
 
@@ -97,10 +105,14 @@ def test_mistakes_are_one_line_before_the_first_trial(
     space_file.write_text("model.t1_lrr: {low: 1e-4, high: 1e-3}")
     assert "did you mean model.t1_lr?" in failed(tuning(store, space_file, out), capsys)
     options = [option for option in tuning(store, space_file, out) if not option.startswith("--config")]
-    assert "give --config" in failed(options, capsys)
+    (config,) = remedy(failed(options, capsys))
+    assert "did you mean model.t1_lr?" in failed([*config, *options], capsys)  # which comes after
     (tmp_path / "file").write_text("")
     space_file.write_text("model.t1_lr: {low: 1e-4, high: 1e-3}")
-    assert "Not a directory" in failed(tuning(store, space_file, tmp_path / "file"), capsys)
+    line = failed(tuning(store, space_file, tmp_path / "file"), capsys)
+    assert "Not a directory" in line
+    ((option,),) = remedy(line)
+    main([*tuning(store, space_file, tmp_path / "file", "--trials=1"), f"{option}={tmp_path / 'other'}"])
     assert not (out / "prednet_dst_static" / "trials").exists()
 
 

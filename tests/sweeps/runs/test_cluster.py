@@ -1,6 +1,8 @@
 """The same command on the workers of a Dask cluster."""
 
+import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -10,6 +12,7 @@ import pytest
 from envpred.errors import UserError
 from sweeps.runs.cluster import attempt, on_cluster
 from sweeps.study.storage import open_storage
+from tests.remedies import remedy
 from tests.sweeps import stub
 from tests.sweeps.conftest import REPOSITORY, SMALL
 
@@ -60,3 +63,32 @@ def test_every_worker_of_a_cluster_joins(
     trials = optuna.load_study(study_name="prednet_dst_static", storage=storage).trials
     assert [trial.state.name for trial in trials if trial.state.name != "WAITING"] == ["COMPLETE"] * 6
     assert len({trial.user_attrs["worker"]["pid"] for trial in trials if "worker" in trial.user_attrs}) == 2
+
+
+@pytest.mark.slow
+def test_the_commands_that_start_a_cluster(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Those that messages name where there is no scheduler, or none of its workers."""
+    monkeypatch.chdir(tmp_path)
+    address = "tcp://127.0.0.1:8786"  # Dask's own
+
+    def refused() -> list[str]:
+        with pytest.raises(UserError) as failure:
+            on_cluster(address, "json.tool", {}, ["--help"])
+        (command,) = remedy(failure.value)
+        return command
+
+    started: list[subprocess.Popen[bytes]] = []
+    try:
+        for said in ("Scheduler at:", "Starting established connection"):
+            with Path(said).open("wb") as log:
+                program, *words = refused()
+                command = [str(Path(sys.executable).with_name(program)), *words]
+                started.append(subprocess.Popen(command, stderr=log, stdout=log))
+            while said not in Path(said).read_text():
+                assert started[-1].poll() is None, Path(said).read_text()
+                time.sleep(0.1)
+        on_cluster(address, "json.tool", {}, ["--help"])
+    finally:
+        for process in reversed(started):
+            process.terminate()
+            process.wait()

@@ -12,6 +12,7 @@ from optuna.trial import TrialState
 from envpred.errors import UserError
 from sweeps.study.storage import JOURNAL, hidden, open_storage, told
 from tests.build.test_grids import mount
+from tests.remedies import installs, remedy
 
 
 def study_in(folder: Path) -> optuna.Study:
@@ -63,8 +64,10 @@ def test_a_database_that_does_not_answer_is_one_line(tmp_path: Path, url: str) -
 
 def test_a_missing_driver_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "psycopg", None)
-    with pytest.raises(UserError, match="its driver is not installed"):
+    with pytest.raises(UserError, match="its driver is not installed") as failure:
         open_storage(tmp_path, "postgresql+psycopg://127.0.0.1:1/optuna")
+    (command,) = remedy(failure.value)
+    assert installs(command) == {"psycopg"}
 
 
 def test_passwords_are_not_shown() -> None:

@@ -15,6 +15,7 @@ from sweeps.study.retry import MAX_LOSSES, REASON, RETRY_OF, WORKER, Pulse, Watc
 from sweeps.study.sampling import pruner, sampler
 from sweeps.study.storage import open_storage
 from sweeps.study.worker import ARGUMENTS, OUT_OF_MEMORY, Worker, check_identity, failed_with, open_study
+from tests.remedies import remedy
 
 SAME = {"space": "a", "data": "b"}
 Rung = Callable[[int, float], None]
@@ -71,14 +72,17 @@ def test_failures_are_kept_with_their_reason_and_made_up_for(tmp_path: Path) -> 
 
 def test_failure_after_failure_ends_the_study(tmp_path: Path) -> None:
     def objective(trial: optuna.Trial, on_rung: Rung, on_poll: Poll) -> float:
-        if trial.number == 0:
+        if trial.number in (0, 6, 7):
             return 1.0
         raise TrialFailedError("no drive to train")
 
     study, storage = opened(tmp_path)
-    with pytest.raises(UserError, match=r"the last 4 trials .* failed; the last one, 4: no drive to train"):
+    with pytest.raises(UserError, match=r"the last 4 trials .* failed; the last one, 4: no drive to train") as failure:
         Worker(study, storage, 3, objective, max_failures=4).work()
     assert states(study) == ["COMPLETE", *["FAIL"] * 4]
+    ((option,),) = remedy(failure.value)
+    Worker(study, storage, 3, objective, **{option.removeprefix("--"): 7}).work()  # type: ignore[arg-type]
+    assert states(study)[4:] == ["FAIL", "FAIL", "COMPLETE", "COMPLETE"]
 
 
 def test_what_ran_out_of_memory_is_found_again(tmp_path: Path) -> None:
