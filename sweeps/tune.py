@@ -167,9 +167,7 @@ def _configs(space: Space, fit: list[str]) -> list[str]:
     if names_configuration(fit):
         return []
     if not space.config:
-        raise UserError(
-            f"{space.file}: names no configuration to start from; give one, as by --config prednet_small"
-        )
+        raise UserError(f"{space.file}: names no configuration to start from; give one, as by --config prednet_small")
     return [f"--config={file}" for file in space.config]
 
 

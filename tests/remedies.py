@@ -32,8 +32,11 @@ def remedy(said: object) -> list[list[str]]:
     """The `commands` of the message with which `said` ends, for whoever runs them: the record says that they are."""
     from tests.user_errors import Recorder
 
-    message = max((made for made in Recorder.current.made if str(said).strip().endswith(made)), key=len)
-    Recorder.current.tell("run", Recorder.current.made[message])
+    made = {message: source for message, source in Recorder.current.made.items() if message in str(said)}
+    message = max((message for message in made if str(said).strip().endswith(message)), key=len)
+    for inner in made:
+        if commands(inner) == commands(message):
+            Recorder.current.tell("run", made[inner])
     return commands(message)
 
 

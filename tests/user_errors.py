@@ -41,16 +41,16 @@ class Recorder:
         Recorder.current = self
 
         def make(error: UserError, *args: Any) -> None:
-            frame = sys._getframe(1)
+            frame, text = sys._getframe(1), str(args[0])
             file = Path(frame.f_code.co_filename)
             ours = any(file.is_relative_to(REPOSITORY / package) for package in PACKAGES)
             for lines, source in messages(file).items() if ours else ():
-                if frame.f_lineno not in lines:
-                    continue
-                self.made[str(args[0])] = source
-                self.tell("provoked", source)
-                if "\n" not in str(args[0]) and commands(str(args[0])):  # of several lines, each was a message before
-                    self.tell("names a command", source)
+                if frame.f_lineno in lines:
+                    self.made[text] = source
+                    self.tell("provoked", source)
+                    # A message that is made of others has their remedies.
+                    if commands(text) and not any(m in text and self.made[m] != source for m in self.made):
+                        self.tell("names a command", source)
             super(UserError, error).__init__(*args)
 
         patch.setattr(UserError, "__init__", make)

@@ -1,6 +1,7 @@
 """Groups of arrays: what one step makes with one set of parameters, and the command that makes it."""
 
 from pathlib import Path
+from shlex import quote
 from typing import NamedTuple
 
 
@@ -38,4 +39,4 @@ def group_of(array: str) -> str | None:
 def command(store: Path, array: str) -> str:
     """The command that makes `array` for the drives of `store`."""
     options = OPTIONS.get(array) or GROUPS[group_of(array) or "mapping"].options
-    return f"envpred grids --store {store} {options}"
+    return f"envpred grids --store {quote(str(store))} {options}"

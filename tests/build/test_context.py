@@ -115,7 +115,7 @@ def test_context_of_another_recording_is_refused(source: Path, tmp_path: Path) -
 
 @pytest.mark.parametrize("array", ["context_label", "velocity", "particle_forecast"])
 def test_the_command_that_a_missing_array_names_makes_it(source: Path, tmp_path: Path, array: str) -> None:
-    store = tmp_path / "grids"
+    store = tmp_path / "my grids"
     build(source, store)
     with pytest.raises(UserError) as failure:
         Store(store).drives[A].array(array)
