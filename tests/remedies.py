@@ -34,9 +34,9 @@ def remedy(said: object) -> list[list[str]]:
 
     made = {message: source for message, source in Recorder.current.made.items() if message in str(said)}
     message = max((message for message in made if str(said).strip().endswith(message)), key=len)
-    for inner in made:
+    for inner, source in made.items():
         if commands(inner) == commands(message):
-            Recorder.current.tell("run", made[inner])
+            Recorder.current.tell("run", source)
     return commands(message)
 
 

@@ -17,6 +17,7 @@ from envpred.cli.signatures import options, summary
 from envpred.datamodules import GridDataModule
 from envpred.mapping.geometry import GridSpec
 from envpred.models import PredNetForecaster
+from tests.remedies import remedy
 
 
 @pytest.mark.parametrize(
@@ -101,6 +102,9 @@ def test_a_mistake_is_one_line_that_names_the_nearest(
     assert said.startswith("envpred: ")
     assert said.endswith(end)
     assert "\n" not in said
+    if "`" in end:
+        main(*remedy(said))
+        assert capsys.readouterr().out
 
 
 def test_bash_completes_commands_options_and_configurations(tmp_path: Path) -> None:

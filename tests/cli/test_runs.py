@@ -6,6 +6,7 @@ import pytest
 import yaml
 
 from envpred.cli import main
+from tests.remedies import remedy
 from tests.store.stores import write_store
 
 QUIET = ["--trainer.accelerator=cpu", "--trainer.enable_progress_bar=false", "--trainer.enable_model_summary=false"]
@@ -27,7 +28,11 @@ def test_runs_lie_by_command_under_the_name_given(capsys: pytest.CaptureFixture[
     before = (runs / "first" / "result.json").read_bytes()
     with pytest.raises(SystemExit):
         main(["test", *still, "--name=first", "--out=mine"])
-    assert "first: is there already; give another --name" in capsys.readouterr().err
+    line = capsys.readouterr().err
+    assert "first: is there already; give another --name" in line
+    ((option,),) = remedy(line)
+    main(["test", *still, f"{option}=second", "--out=mine"])
+    assert (runs / "second" / "result.json").is_file()
     assert (runs / "first" / "result.json").read_bytes() == before
     saved = yaml.safe_load((runs / "first" / "config.yaml").read_text())
     assert (saved["name"], saved["trainer"]["logger"]) == (None, None)

@@ -4,10 +4,12 @@ from pathlib import Path
 
 import pytest
 
+from envpred.cli import main
 from envpred.cli.shipped import COMPLETE, find, names
 from envpred.cli.signatures import Option
 from envpred.cli.tokens import plain
 from envpred.errors import UserError
+from tests.remedies import remedy
 
 FLAG, LIST, NUMBERS, TEXT = (
     Option("force", "bool", "False", ""),
@@ -50,9 +52,13 @@ def test_a_configuration_that_ships_goes_by_its_name(tmp_path: Path, monkeypatch
     assert find("prednet_small", COMPLETE) == Path("prednet_small")  # a file of the user's own comes first
 
 
-def test_what_does_not_ship_names_the_nearest() -> None:
-    with pytest.raises(UserError, match=r"--config prednet_smal: no such file.*did you mean prednet_small\?"):
+def test_what_does_not_ship_names_the_nearest(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(
+        UserError, match=r"--config prednet_smal: no such file.*did you mean prednet_small\?"
+    ) as failure:
         find("prednet_smal", COMPLETE)
+    main(*remedy(failure.value))
+    assert "prednet_small" in capsys.readouterr().out
     with pytest.raises(UserError, match=r"--config zzz\.yaml: no such file.*there are ground_velocity, rollout"):
         find("zzz.yaml", ("grids",))
 

@@ -66,7 +66,7 @@ def test_checkpoints_are_those_of_a_fit(store: Path) -> None:
 
 
 def test_weights_come_from_a_checkpoint_or_are_random_on_purpose(store: Path, trained: Path) -> None:
-    shutil.copytree(trained.parents[4], "runs")
+    shutil.copytree(next(folder for folder in trained.parents if folder.name == "runs"), "runs")
     for choice in remedy(refusal(["test", *small(store, *ONE_WINDOW)])):
         main(["test", *small(store, *ONE_WINDOW), *choice])
     (results) = sorted(Path("runs").rglob(RESULT), key=lambda file: file.stat().st_mtime)

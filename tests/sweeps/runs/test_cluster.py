@@ -70,10 +70,11 @@ def test_the_commands_that_start_a_cluster(tmp_path: Path, monkeypatch: pytest.M
     """Those that messages name where there is no scheduler, or none of its workers."""
     monkeypatch.chdir(tmp_path)
     address = "tcp://127.0.0.1:8786"  # Dask's own
+    help_of = [sys.executable, "-m", "json.tool", "--help"]
 
     def refused() -> list[str]:
         with pytest.raises(UserError) as failure:
-            on_cluster(address, "json.tool", {}, ["--help"])
+            on_cluster(address, help_of)
         (command,) = remedy(failure.value)
         return command
 
@@ -87,7 +88,7 @@ def test_the_commands_that_start_a_cluster(tmp_path: Path, monkeypatch: pytest.M
             while said not in Path(said).read_text():
                 assert started[-1].poll() is None, Path(said).read_text()
                 time.sleep(0.1)
-        on_cluster(address, "json.tool", {}, ["--help"])
+        on_cluster(address, help_of)
     finally:
         for process in reversed(started):
             process.terminate()
