@@ -9,7 +9,7 @@ DEMO ?= demo
 KITTI ?=
 BIN := $(VENV)/bin
 
-.PHONY: install test slow oldest lint bench demo clean
+.PHONY: install test slow messages oldest lint bench demo clean
 
 install: $(VENV)/.installed
 
@@ -24,6 +24,10 @@ test: install
 
 slow: install
 	$(BIN)/python -m pytest -m slow
+
+# After test and slow: every message of UserError was provoked, and the commands that it names were run.
+messages: install
+	$(BIN)/python -m tests.user_errors
 
 # The suite with the oldest release of everything that pyproject.toml allows.
 oldest: $(OLDEST)/.installed
