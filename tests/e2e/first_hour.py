@@ -56,12 +56,11 @@ class Hour:
             env=outside,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
-            text=True,
             timeout=LIMIT_SECONDS,
             check=False,
         )
         self.took.append((command, time.perf_counter() - start))
-        said = "\n".join(line.rsplit("\r", 1)[-1].rstrip() for line in done.stdout.splitlines()).strip()
+        said = as_seen(done.stdout)
         print(f"{said}\n", flush=True)
         if (done.returncode != 0) != fails or "Traceback" in said:
             raise RuntimeError(f"{command}: exit code {done.returncode}\n{said}")
@@ -71,6 +70,14 @@ class Hour:
         """The seconds of each command, as Markdown."""
         rows = [f"| `{command}` | {seconds:.1f} |" for command, seconds in self.took]
         return "\n".join(["| command | s |", "|---|---|", *rows])
+
+
+def as_seen(output: bytes) -> str:
+    """What a terminal shows in the end: of a line that is written again and again, the last."""
+    lines = (
+        line.replace("\x1b[A", "").rstrip("\r").rsplit("\r", 1)[-1].rstrip() for line in output.decode().split("\n")
+    )
+    return "\n".join(line for line in lines if line)
 
 
 def commands_of(section: str) -> Iterator[str]:

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.e2e.first_hour import commands_of, first_hour
+from tests.e2e.first_hour import as_seen, commands_of, first_hour
 
 
 def test_the_readmes_commands_are_found_and_cut_short() -> None:
@@ -16,6 +16,10 @@ def test_the_readmes_commands_are_found_and_cut_short() -> None:
     assert "--trials 3" in tune
     assert fit.startswith("envpred fit --config studies/prednet_dst_dogma/best.yaml --data.samples")
     assert ablate.endswith("--dry_run")
+
+
+def test_progress_shows_as_its_last_line() -> None:
+    assert as_seen(b"a\n  0%\r 50%\r100%\n\x1b[A\nend\r\n") == "a\n100%\nend"
 
 
 @pytest.mark.slow
