@@ -18,6 +18,7 @@ from envpred.models import FCNForecaster, Forecaster, LastFrame, MovedLastFrame
 from envpred.models.baselines import _Moved
 from envpred.results.validations import read_validations
 from tests.models.trainers import grids, trainer
+from tests.remedies import refusal
 from tests.store.stores import write_store
 
 EPOCHS = 3
@@ -114,3 +115,9 @@ def test_without_training_windows_the_moved_last_frame_is_left_out(tmp_path: Pat
     (found,) = run.validate(LastFrame(given=3), grids(short, train=["a"], val=["b"], test=["c"]), verbose=False)
     assert found["val/mse"] == pytest.approx(found["static/mse"])
     assert "moved/mse" not in found
+
+
+@pytest.mark.parametrize("name", ["windows", "every_n_epochs"])
+def test_fewer_pictures_than_none_are_refused(name: str) -> None:
+    line = refusal(["fit", "--model=LastFrame", "--data.store=grids", f"--pictures.{name}=-1"])
+    assert line == f"--pictures.{name} -1: give 0 for no pictures, or more"
