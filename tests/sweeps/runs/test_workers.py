@@ -26,7 +26,7 @@ def test_what_workers_say_is_said_once_with_each_its_share_of_the_cores(
 @pytest.mark.parametrize(
     ("end", "reason"),
     [
-        ("echo 'sweeps.tune: the disk is full' >&2; exit 1", "the disk is full"),
+        ("echo 'envpred tune: the disk is full' >&2; exit 1", "the disk is full"),
         ("kill -9 $$", "it was ended by signal 9 (out of memory?)"),
     ],
 )
@@ -48,7 +48,7 @@ def test_one_fails_and_the_others_go_on(tmp_path: Path, monkeypatch: pytest.Monk
 
 def test_all_fail_for_one_reason(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(UserError, match=r"^trials fail and fail$"):
-        beside(3, "tune", shell("echo 'sweeps.tune: trials fail and fail' >&2; exit 1"))
+        beside(3, "tune", shell("echo 'envpred tune: trials fail and fail' >&2; exit 1"))
     with pytest.raises(UserError, match=r"^no such thing$"):
         beside(2, "tune", shell("echo no such thing; exit 1"))
     with pytest.raises(UserError, match=r"^exit code 3$"):
