@@ -173,7 +173,13 @@ def refused(args: list[str], capsys: pytest.CaptureFixture[str]) -> list[list[st
     return remedy(capsys.readouterr().err)
 
 
-@pytest.mark.usefixtures("stubbed")
+@pytest.fixture
+def untimed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Plans do not say how long they take, which takes a while to find out."""
+    monkeypatch.setattr("sweeps.ablation._show", lambda *_: {})
+
+
+@pytest.mark.usefixtures("stubbed", "untimed")
 def test_what_the_user_is_told_to_do_makes_a_plan(
     store: Path, space_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -187,6 +193,7 @@ def test_what_the_user_is_told_to_do_makes_a_plan(
         main([*args, "--switches=[ransac]", given])
 
 
+@pytest.mark.usefixtures("untimed")
 def test_velocities_are_asked_for(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     plain = write_store(tmp_path / "plain", {name: list(range(40)) for name in "abc"}, cells=8)
     args = arguments(plain, tmp_path / "out", "--dry_run=true")
