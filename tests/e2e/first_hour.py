@@ -151,11 +151,11 @@ def _bring_ones_own(hour: Hour) -> None:
     for example in ("reader.py", "forecaster.py"):
         shutil.copy(REPOSITORY / "examples" / example, hour.folder)
     hour.run("envpred grids --reader reader.find --source numpy --store own --context 256 --dogma")
-    own = "--model forecaster.ContextForecaster --data.store own --data.samples 5"
+    own = "--model forecaster.ContextForecaster --data.store own --data.samples 5 --out own_runs"
     hour.run(f"envpred fit {own} --trainer.max_epochs 2 --data.train mine@-24 --data.val mine@24-46 --name first")
     hour.run(f"envpred test {own} --data.train mine@-20 --data.val mine@20-40 --data.test mine@40- --ckpt_path best")
-    hour.run("envpred test --config last_frame --data.store own --data.test mine@40-")
-    hour.run("envpred report runs/test/context runs/test/last_frame --out own_report")
+    hour.run("envpred test --config last_frame --data.store own --data.test mine@40- --out own_runs")
+    hour.run("envpred report own_runs/test --out own_report")
 
 
 def _write_numpy(folder: Path) -> None:
