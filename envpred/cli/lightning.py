@@ -93,18 +93,19 @@ class EnvpredCLI(LightningCLI):
         name, options.name = options.name, None  # another run of the same configuration has another name
         if options.trainer.logger in (None, True):
             place = self._place("fit" if self.subcommand is None else self.subcommand)
-            checkpoint = options.get("ckpt_path")
-            if self.subcommand == "fit" and checkpoint and Path(checkpoint).parent.name == "checkpoints":
-                run = Path(checkpoint).resolve().parents[1]
-                if run.parent == place.resolve() and name in (None, run.name):
-                    name = run.name  # `place` stays as written: Lightning forgets the best where paths differ
-                    warnings.filterwarnings("ignore", "Checkpoint directory .* exists and is not empty")
+            run = self._resumed()
+            if run is not None and run.parent == place.resolve() and name in (None, run.name):
+                name = run.name  # `place` stays as written: Lightning forgets the best where paths differ
+                warnings.filterwarnings("ignore", "Checkpoint directory .* exists and is not empty")
             elif name is not None and (place / name).exists():
                 raise UserError(f"{place / name}: is there already; give another --name, or remove it")
             self.placed = True
             options.trainer.logger = Namespace(
                 class_path="lightning.pytorch.loggers.TensorBoardLogger",
-                init_args=Namespace(save_dir=str(place), name="", version=name, default_hp_metric=False),
+                # A version that is a text would show its last letters in the progress bar.
+                init_args=Namespace(
+                    save_dir=str(place), name=name or "", version=None if name is None else "", default_hp_metric=False
+                ),
             )
 
     def instantiate_classes(self) -> None:
@@ -160,6 +161,13 @@ class EnvpredCLI(LightningCLI):
         subcommand = self.config.get("subcommand")
         chosen: Namespace = self.config[subcommand] if subcommand else self.config
         return chosen
+
+    def _resumed(self) -> Path | None:
+        """The run whose checkpoint a fit goes on from."""
+        checkpoint = self._options.get("ckpt_path") if self.subcommand == "fit" else None
+        if not checkpoint or Path(checkpoint).parent.name != "checkpoints":
+            return None
+        return Path(checkpoint).resolve().parents[1]
 
     def _place(self, subcommand: str) -> Path:
         """The folder of the runs of a subcommand with this model and variant."""

@@ -50,3 +50,8 @@ def test_a_named_fit_is_found_and_resumed() -> None:
     main(["test", "--config", str(runs / "mine" / "config.yaml"), "--ckpt_path=best"])
     (result,) = Path("runs/test").rglob("result.json")
     assert "mine/checkpoints/best.ckpt" in result.read_text()
+    main([*fit, "--name=other", "--trainer.max_epochs=1"])
+    before = {file: file.read_bytes() for file in (runs / "mine").rglob("*") if file.is_file()}
+    with pytest.raises(SystemExit):
+        main([*fit, "--name=mine", "--ckpt_path", str(runs / "other" / "checkpoints" / "last.ckpt")])
+    assert {file: file.read_bytes() for file in (runs / "mine").rglob("*") if file.is_file()} == before
