@@ -168,7 +168,7 @@ def report(runs: list[Path], out: Path) -> None:
     """Compare test runs: tables, curves and one HTML page, from their results alone.
 
     Args:
-        runs: result files, or folders that hold some, all of the same test windows.
+        runs: result files, or folders that hold some, all of the same test windows; folders without any are skipped.
         out: folder for the report.
     """
     from envpred.report import report as write_report
@@ -198,7 +198,8 @@ def draw(
     """Draw one window of predictions or test runs, several methods beside each other, as a strip or a .gif.
 
     Args:
-        predictions: folders that `envpred predict` wrote, or of test runs, whose drawn windows are taken.
+        predictions: folders that `envpred predict` wrote, or of test runs, whose drawn windows are taken; others are
+            skipped.
         out: picture (.png, .pdf) at some horizons, or animation (.gif) of all.
         window: place of the window among those of the first folder.
         store: folder of the grids that were forecast from: adds what was shown, and the targets where there are any.
