@@ -29,7 +29,7 @@ ALLOWED: dict[str, set[str]] = {
     "pictures": {"mapping", "store", "results", "horizons"},
     "simulate": {"drives", "mapping", "build", "store", "pictures", "errors"},
     "callbacks": {"models", "datamodules", "pictures", "results", "metrics", "mapping", "store", "horizons", "errors"},
-    "report": {"pictures", "results", "metrics", "horizons", "errors"},
+    "report": {"pictures", "results", "metrics", "store.files", "horizons", "errors"},
     "cli": {
         *("callbacks", "report", "simulate", "build", "pictures", "results", "models", "datamodules", "metrics"),
         *("mapping", "drives", "store", "horizons", "interrupts", "errors", "__version__"),

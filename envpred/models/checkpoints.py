@@ -1,13 +1,17 @@
 """Checkpoints: the best of each training stage, and reading them as weights only."""
 
+import os
 import pickle
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
 
 import torch
+from lightning.fabric.plugins import TorchCheckpointIO
 from lightning.pytorch import LightningModule, Trainer
 from lightning.pytorch.callbacks import ModelCheckpoint
 
+from envpred.datamodules import GridDataModule
 from envpred.errors import UserError
 
 
@@ -33,6 +37,43 @@ class StageCheckpoint(ModelCheckpoint):
         super().load_state_dict(state_dict | {"dirpath": self.dirpath})
 
 
+class OwnFiles(TorchCheckpointIO):
+    """Checkpoints as files that only they themselves are replaced or removed with, never a folder."""
+
+    def remove_checkpoint(self, path: str | Path) -> None:
+        file = Path(path)
+        if file.is_file():
+            file.unlink()
+
+
+def keep_own_files(trainer: Trainer) -> None:
+    """Let a trainer keep its checkpoints by `OwnFiles`, unless it keeps them in a way of the user's or a strategy's."""
+    if type(trainer.strategy.checkpoint_io) is TorchCheckpointIO:
+        trainer.strategy.checkpoint_io = OwnFiles()
+
+
+def trust_no_path(checkpoint: Mapping[str, Any], trainer: Trainer) -> None:
+    """Let what a checkpoint says of other checkpoints' paths stand for files of their names beside it.
+
+    Lightning removes what they name.  Where a run is resumed in its own folder, they are written as the trainer writes
+    them, whatever folder the command is run in.
+    """
+    folder = Path(str(trainer.ckpt_path)).parent
+    own = [str(c.dirpath) for c in trainer.checkpoint_callbacks if isinstance(c, ModelCheckpoint) and c.dirpath]
+    written = next((d for d in own if Path(d).resolve() == folder.resolve()), str(folder))
+
+    def beside(path: object) -> str:
+        name = Path(str(path)).name
+        return os.path.join(written, name) if name.endswith(ModelCheckpoint.FILE_EXTENSION) else ""
+
+    for state in checkpoint.get("callbacks", {}).values():
+        if isinstance(state, dict) and "best_model_path" in state:
+            for name in ("best_model_path", "kth_best_model_path", "last_model_path"):
+                state[name] = beside(state.get(name, ""))
+            best = {beside(path): score for path, score in dict(state.get("best_k_models", {})).items()}
+            state.update(dirpath=written, best_k_models=best)
+
+
 def read_checkpoint(file: Path, device: torch.device | str = "cpu") -> dict[str, Any]:
     """A checkpoint of ours; weights and plain values alone, never code.
 
@@ -52,3 +93,18 @@ def read_checkpoint(file: Path, device: torch.device | str = "cpu") -> dict[str,
     if not isinstance(checkpoint, dict) or "state_dict" not in checkpoint:
         raise UserError(f"{file}: no checkpoint of a forecaster; give one that `envpred fit` wrote")
     return checkpoint
+
+
+def check_grids(trained: Mapping[str, Any], dataset: GridDataModule, context: bool) -> None:
+    """Refuse grids of another time base, cell or size (with `context`, also around them) than weights were trained on.
+
+    Raises:
+        UserError: naming what differs.
+    """
+    here = dataset.grids()
+    for name, unit in (("period", " s"), ("resolution", " m"), ("cells", " cells"), ("context", " cells of context")):
+        if trained.get(name) != here[name] and not (name == "context" and not context):
+            raise UserError(
+                f"the checkpoint was trained on grids of {trained.get(name)}{unit}, {dataset.store} has "
+                f"{here[name]}{unit}; build a store like that which it was trained on, or give another checkpoint"
+            )

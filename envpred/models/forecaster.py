@@ -25,6 +25,7 @@ from envpred.mapping.mapper import Mapped, Mapper
 from envpred.metrics.collection import forecast_metrics
 from envpred.metrics.horizon_mse import HorizonMSE
 from envpred.metrics.windows import PerHorizon, WindowMetric
+from envpred.models.checkpoints import check_grids, keep_own_files, trust_no_path
 from envpred.models.kinds import kinds_of
 
 
@@ -101,6 +102,7 @@ class Forecaster(LightningModule):
         return data
 
     def setup(self, stage: str) -> None:
+        keep_own_files(self.trainer)
         horizons = self.dataset.horizons
         if self.reachable is not None and horizons > self.reachable:
             raise UserError(
@@ -255,8 +257,10 @@ class Forecaster(LightningModule):
             UserError: naming what differs.
         """
         self.trained = checkpoint.get("trained")
-        if self.trained is not None and getattr(self, "_trainer", None) is not None:
-            self._check_grids(self.trained["data"])
+        if getattr(self, "_trainer", None) is not None:
+            trust_no_path(checkpoint, self.trainer)
+            if self.trained is not None:
+                check_grids(self.trained["data"], self.dataset, self.needs.context)
         kind = checkpoint.get("forecaster", type(self).__name__)
         if kind != type(self).__name__:
             raise UserError(
@@ -269,21 +273,6 @@ class Forecaster(LightningModule):
                 raise UserError(
                     f"the checkpoint was trained with {name} {theirs[name]}, the command says {self.hparams[name]}; "
                     f"give --{room}.{name} {_argument(theirs[name])}, or another checkpoint"
-                )
-
-    def _check_grids(self, trained: Mapping[str, Any]) -> None:
-        """Refuse grids of another time base, cell or size than the weights were trained on."""
-        here = self.dataset.grids()
-        for name, unit in (
-            ("period", " s"),
-            ("resolution", " m"),
-            ("cells", " cells"),
-            ("context", " cells of context"),
-        ):
-            if trained.get(name) != here[name] and not (name == "context" and not self.needs.context):
-                raise UserError(
-                    f"the checkpoint was trained on grids of {trained.get(name)}{unit}, {self.dataset.store} has "
-                    f"{here[name]}{unit}; build a store like that which it was trained on, or give another checkpoint"
                 )
 
 

@@ -12,6 +12,7 @@ from envpred.errors import UserError
 from envpred.horizons import in_seconds
 from envpred.report.run import Run
 from envpred.report.table import Table
+from envpred.store.files import inside
 
 LONG = 24  # rows from which a table of the appendix is folded
 STYLE = """
@@ -66,10 +67,10 @@ def pictures_of(runs: Sequence[Run]) -> list[Picture]:
     well.
     """
     return [
-        Picture.read(run.file.parent / path, f"{run.label}: {name.replace('_', ' ')}")
+        Picture.read(inside(run.file.parent, path, run.file), f"{run.label}: {name.replace('_', ' ')}")
         for run in runs
         for name, path in sorted((run.record.get("pictures") or {}).items(), key=lambda item: _natural(item[0]))
-        if not (run.record.get("drawn") and path.endswith(".gif"))
+        if not (run.record.get("drawn") and str(path).endswith(".gif"))
     ]
 
 

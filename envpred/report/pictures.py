@@ -9,6 +9,7 @@ from envpred.errors import UserError
 from envpred.report.published import STATIC
 from envpred.report.run import Run
 from envpred.results.scenes import Scene, read_scenes, together
+from envpred.store.files import inside
 
 RELATIVE, ABSOLUTE = 0.02, 1e-5  # between a squared error and that of grids kept as halves
 
@@ -21,7 +22,7 @@ def drawn_scenes(run: Run) -> dict[int, Scene]:
     """
     if run.record.get("drawn") is None:
         return {}
-    file = run.file.parent / str(run.record["drawn"])
+    file = inside(run.file.parent, run.record["drawn"], run.file)
     scenes = read_scenes(file, run.label, run.is_oracle)
     windows, judged = run.data["windows"], run.mse.per_window
     for index, scene in scenes.items():

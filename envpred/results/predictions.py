@@ -19,7 +19,7 @@ from envpred.mapping.evidence import pignistic
 from envpred.mapping.geometry import heading_of
 from envpred.results.scenes import Scene
 from envpred.store import MANIFEST, Store, StoredDrive
-from envpred.store.files import read_json
+from envpred.store.files import inside, read_json
 
 FORMAT = 2
 WHAT = (
@@ -100,7 +100,7 @@ class Predictions:
             UserError: if its file is missing, or not what the manifest says.
         """
         window = self.windows[k]
-        file = self.folder / window["file"]
+        file = inside(self.folder, window["file"], self.folder / MANIFEST)
         try:
             array = np.load(file, allow_pickle=False)
         except (OSError, ValueError, EOFError):

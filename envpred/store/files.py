@@ -28,6 +28,25 @@ def flat(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
     return found
 
 
+def inside(folder: Path, name: object, source: Path) -> Path:
+    """The file of the relative path `name` in `folder`, as the file `source` names it.
+
+    Raises:
+        UserError: if it lies elsewhere, by its name or as a link: such a file was not written here.
+    """
+    file, home = folder / str(name), folder.resolve()
+    try:
+        within = home in file.resolve().parents
+    except (OSError, ValueError, RuntimeError):  # no name of a file, or a link that leads to itself
+        within = False
+    if not within:
+        raise UserError(
+            f"{source}: names {name!r}, which does not lie in {folder}; somebody has changed it: get it from where it "
+            "was made, or make it again"
+        )
+    return file
+
+
 @contextmanager
 def replaced(file: Path) -> Iterator[Path]:
     """A path beside `file` to write to, of the same ending; it takes the place of `file` in one step.

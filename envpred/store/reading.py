@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from envpred.errors import UserError
 from envpred.mapping.geometry import Body, FloatArray, GridSpec
-from envpred.store.files import FORMAT, MANIFEST, digest, flat, read_json, write_json
+from envpred.store.files import FORMAT, MANIFEST, digest, flat, inside, read_json, write_json
 from envpred.store.groups import command, group_of
 
 
@@ -144,6 +144,8 @@ class StoredDrive:
             raise UserError(
                 f"{file}: format {manifest.get('format')} is not {FORMAT}, which this version reads; {self._remedy}"
             )
+        for entry in manifest["arrays"].values():
+            inside(self.folder, entry["file"], file)
         return manifest
 
     @property

@@ -3,10 +3,13 @@
 import re
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
+from PIL import Image
 
 from envpred.callbacks.pictures import Pictures
+from envpred.errors import UserError
 from envpred.models import LastFrame, MovedLastFrameOracle
 from envpred.report import report
 from envpred.report.pictures import compared_scenes
@@ -37,3 +40,14 @@ def test_oracles_are_known_in_the_windows_that_are_compared(make_run: MakeRun) -
     for scene in compared_scenes(read_runs(runs)):
         assert list(scene.forecasts) == ["prednet (dst_static)", "moved_last_frame_oracle (dst_static)", "static"]
         assert scene.oracles == {"moved_last_frame_oracle (dst_static)"}
+
+
+@pytest.mark.parametrize("told", [{"pictures": {"window_0": "../private.png"}}, {"drawn": "../../drawn.npz"}])
+def test_nothing_outside_a_run_comes_into_its_report(make_run: MakeRun, tmp_path: Path, told: dict[str, Any]) -> None:
+    run = make_run(change=lambda record: record.update(told))
+    Image.new("L", (9, 9)).save(run.parent / "private.png")
+    draw_windows(other := make_run())
+    (other / "drawn.npz").rename(tmp_path / "drawn.npz")
+    with pytest.raises(UserError, match=r"result\.json: names '\.\./.*make it again"):
+        report([run], tmp_path / "out")
+    assert not (tmp_path / "out" / "report.html").exists()

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from envpred.errors import UserError
 from envpred.mapping.evidence import pignistic
 from tests.results.predictions import FORECAST, folder_of, store_of
 
@@ -35,3 +36,11 @@ def test_the_wider_grid_is_shown_if_the_forecaster_read_it(tmp_path: Path, conte
     else:
         assert scene.context is not None
         np.testing.assert_allclose(scene.context, pignistic(arrays["context_evidence"][4]), rtol=1e-6)
+
+
+def test_a_forecast_outside_the_folder_is_not_read(tmp_path: Path) -> None:
+    np.save(tmp_path / "4.npy", FORECAST)
+    predictions = folder_of(tmp_path / "predictions", FORECAST)
+    predictions.windows[0]["file"] = "../4.npy"
+    with pytest.raises(UserError, match=r"manifest\.json: names '\.\./4\.npy'"):
+        predictions.forecast(0)

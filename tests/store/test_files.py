@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from envpred.store.files import digest, flat, read_json, replace_text, replaced, write_json
+from envpred.errors import UserError
+from envpred.store.files import digest, flat, inside, read_json, replace_text, replaced, write_json
 
 
 def test_a_file_is_replaced_when_it_is_whole(tmp_path: Path) -> None:
@@ -70,3 +71,22 @@ def test_a_replaced_file_is_the_old_one_or_the_new_one(tmp_path: Path) -> None:
         found.add(file.read_text())
     writer.join()
     assert found <= set(texts)
+
+
+@pytest.mark.parametrize("name", ["../x", "/etc/passwd", "a/../../x", "", ".", "..", "link", "circle", "a\0b", None])
+def test_a_name_that_leaves_its_folder_is_refused(tmp_path: Path, name: str | None) -> None:
+    folder = tmp_path / "run"
+    folder.mkdir()
+    (folder / "link").symlink_to(tmp_path / "x")
+    (folder / "circle").symlink_to(folder / "circle")
+    if name is None:
+        assert inside(folder, "a/b.png", folder / "result.json") == folder / "a/b.png"
+        return
+    with pytest.raises(UserError, match=r"result\.json: names .* which does not lie in .*run"):
+        inside(folder, name, folder / "result.json")
+
+
+def test_a_folder_on_another_disk_is_its_own(tmp_path: Path) -> None:
+    (tmp_path / "disk").mkdir()
+    (tmp_path / "run").symlink_to(tmp_path / "disk")
+    assert inside(tmp_path / "run", "a.npy", tmp_path / "manifest.json") == tmp_path / "run" / "a.npy"

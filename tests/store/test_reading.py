@@ -79,6 +79,15 @@ def test_array_of_another_shape_is_refused(store: Path) -> None:
         StoredDrive(store / "a").array("label")
 
 
+def test_array_outside_its_drive_is_not_read(store: Path) -> None:
+    manifest = json.loads((store / "a" / MANIFEST).read_text())
+    manifest["arrays"]["label"]["file"] = "../label.npy"
+    (store / "a" / "label.npy").rename(store / "label.npy")
+    (store / "a" / MANIFEST).write_text(json.dumps(manifest))
+    with pytest.raises(UserError, match=r"a/manifest\.json: names '\.\./label\.npy'"):
+        Store(store).drives["a"].array("label")
+
+
 def test_pickled_array_is_not_loaded(store: Path) -> None:
     np.save(store / "a" / "label.npy", np.array([{"a": 1}]), allow_pickle=True)
     with pytest.raises(UserError, match="missing or damaged"):
