@@ -24,7 +24,7 @@ ALLOWED: dict[str, set[str]] = {
     "drives": {"mapping.geometry", "mapping.period", "errors"},
     "build": {"drives", "mapping", "store", "interrupts", "errors"},
     "datamodules": {"mapping", "store", "horizons", "errors"},
-    "models": {"networks", "datamodules", "metrics", "mapping", "horizons", "errors"},
+    "models": {"networks", "datamodules", "metrics", "mapping", "store.files", "horizons", "errors"},
     "results": {"mapping", "store", "horizons", "errors", "__version__"},
     "pictures": {"mapping", "store", "results", "horizons"},
     "simulate": {"drives", "mapping", "build", "store", "pictures", "errors"},

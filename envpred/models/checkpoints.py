@@ -1,5 +1,6 @@
 """Checkpoints: the best of each training stage, and reading them as weights only."""
 
+import glob
 import os
 import pickle
 from collections.abc import Mapping
@@ -13,6 +14,7 @@ from lightning.pytorch.callbacks import ModelCheckpoint
 
 from envpred.datamodules import GridDataModule
 from envpred.errors import UserError
+from envpred.store.files import replaced
 
 
 class StageCheckpoint(ModelCheckpoint):
@@ -38,9 +40,27 @@ class StageCheckpoint(ModelCheckpoint):
 
 
 class OwnFiles(TorchCheckpointIO):
-    """Checkpoints as files that only they themselves are replaced or removed with, never a folder."""
+    """Checkpoints as files that are replaced in one step; nothing but a file is ever removed.
+
+    Lightning writes them where temporary files lie: from another disk than the target's they are copied, over the
+    one before.
+    """
+
+    def save_checkpoint(self, checkpoint: dict[str, Any], path: str | Path, storage_options: Any = None) -> None:
+        if "://" in str(path):  # of a user's own callback; what comes from a checkpoint has no such path
+            super().save_checkpoint(checkpoint, path, storage_options)
+            return
+        file = Path(path)
+        file.parent.mkdir(parents=True, exist_ok=True)
+        for left in file.parent.glob(f".*-{glob.escape(file.name)}"):  # a folder has one writer at a time
+            left.unlink()
+        with replaced(file) as part:
+            torch.save(checkpoint, part)
 
     def remove_checkpoint(self, path: str | Path) -> None:
+        if "://" in str(path):
+            super().remove_checkpoint(path)
+            return
         file = Path(path)
         if file.is_file():
             file.unlink()
@@ -89,7 +109,7 @@ def read_checkpoint(file: Path, device: torch.device | str = "cpu") -> dict[str,
     except pickle.UnpicklingError:
         raise UserError(f"{file}: holds more than weights, so it is not loaded; give a checkpoint of envpred") from None
     except (OSError, RuntimeError, EOFError, ValueError):
-        raise UserError(f"{file}: damaged or no checkpoint; give another one, such as last.ckpt beside it") from None
+        raise UserError(f"{file}: damaged or no checkpoint; {_another(file)}") from None
     if not isinstance(checkpoint, dict) or "state_dict" not in checkpoint:
         raise UserError(f"{file}: no checkpoint of a forecaster; give one that `envpred fit` wrote")
     return checkpoint
@@ -108,3 +128,15 @@ def check_grids(trained: Mapping[str, Any], dataset: GridDataModule, context: bo
                 f"the checkpoint was trained on grids of {trained.get(name)}{unit}, {dataset.store} has "
                 f"{here[name]}{unit}; build a store like that which it was trained on, or give another checkpoint"
             )
+
+
+def _another(damaged: Path) -> str:
+    """What to do instead: the newest checkpoint beside a damaged one that can be read."""
+    written = sorted(damaged.parent.glob("*.ckpt"), key=lambda file: file.stat().st_mtime_ns, reverse=True)
+    for file in (file for file in written if file.name != damaged.name):
+        try:
+            torch.load(file, "meta", weights_only=True)
+        except (OSError, RuntimeError, EOFError, ValueError, pickle.UnpicklingError):
+            continue
+        return f"give another one, such as {file}"
+    return "give another one, or train it again"

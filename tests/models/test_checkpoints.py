@@ -1,12 +1,16 @@
 """Checkpoints of other hands and other folders: nothing but checkpoints beside them is read or removed."""
 
+import multiprocessing
 import os
+import signal
+import tempfile
 from pathlib import Path
 from typing import Any
 
 import pytest
 import torch
 
+from envpred.errors import UserError
 from envpred.models.checkpoints import read_checkpoint
 from tests.models.test_prednet import best
 from tests.models.trainers import grids, prednet, trainer
@@ -56,3 +60,42 @@ def test_the_second_stage_starts_from_the_best_beside_the_checkpoint_wherever_it
     torch.testing.assert_close(model.state_dict()["network.gates.0.weight"], expected["network.gates.0.weight"])
     assert best(rest, "t1").resolve() == (file / "best_t1.ckpt").resolve()
     assert (file / "best_t1.ckpt").is_file()
+
+
+def test_a_kill_while_saving_leaves_the_checkpoint_before(
+    store: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also where temporary files lie on another disk, from which nothing moves in one step."""
+    monkeypatch.setattr(tempfile, "tempdir", "/dev/shm")
+    run = trainer(tmp_path, max_epochs=1)
+    run.fit(prednet(), datamodule=grids(store))
+    io, last = run.strategy.checkpoint_io, tmp_path / "checkpoints" / "last.ckpt"
+    content = read_checkpoint(last) | {"more": torch.zeros(10_000_000)}
+    io.save_checkpoint(content, last)
+
+    def save() -> None:
+        while True:
+            io.save_checkpoint(content, last)
+
+    for tenths in range(12):
+        process = multiprocessing.get_context("fork").Process(target=save)
+        process.start()
+        process.join(0.1 + tenths / 100)
+        process.kill()
+        process.join()
+        assert process.exitcode == -signal.SIGKILL
+        assert read_checkpoint(last)["epoch"] == 0
+    io.save_checkpoint(content, last)
+    assert {file.name for file in last.parent.iterdir()} == {"best_t1.ckpt", "last.ckpt"}
+
+
+def test_the_advice_names_a_checkpoint_that_loads(tmp_path: Path) -> None:
+    torch.save({"state_dict": {}}, tmp_path / "best.ckpt")
+    (tmp_path / "last.ckpt").touch()
+    (tmp_path / "newest.ckpt").write_bytes((tmp_path / "best.ckpt").read_bytes()[:100])
+    for name in ("last.ckpt", "newest.ckpt"):
+        with pytest.raises(UserError, match=rf"{name}: damaged.*such as \S+best\.ckpt$"):
+            read_checkpoint(tmp_path / name)
+    (tmp_path / "best.ckpt").unlink()
+    with pytest.raises(UserError, match="train it again"):
+        read_checkpoint(tmp_path / "last.ckpt")
