@@ -17,10 +17,9 @@ common=(--config dst_static --data.store grids --trainer.enable_model_summary fa
 
 fit() { # a model's configuration, the name of its runs; goes on where it stopped, and does nothing if it is finished
   local run=runs/fit/$2/dst_static resume=()
-  [ -f "$run/finished" ] && return
+  grep -qs '"ended": [0-9]' "$run"/*/validations.json && return
   [ -n "$(find "$run" -name last.ckpt 2>/dev/null)" ] && resume=(--ckpt_path last)
   envpred fit --config "$1" "${common[@]}" "${resume[@]}"
-  touch "$run/finished"
 }
 evaluate() { # a model's configuration, options; its result is the newest in its folder
   envpred test --config "$1" "${common[@]}" --trainer.enable_progress_bar false "${@:2}"

@@ -5,6 +5,7 @@ import signal
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from types import FrameType
 from typing import NoReturn
 
@@ -28,5 +29,31 @@ def ends_at_once() -> Iterator[None]:
     before = signal.signal(signal.SIGINT, end)
     try:
         yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+@dataclass
+class Interrupt:
+    """Whether Ctrl-C was pressed."""
+
+    told: bool = False
+
+
+@contextmanager
+def noted() -> Iterator[Interrupt]:
+    """Let Ctrl-C be a KeyboardInterrupt, as ever, and be known also where a library makes something else of that."""
+    interrupt = Interrupt()
+
+    def note(signum: int, frame: FrameType | None) -> NoReturn:
+        interrupt.told = True
+        raise KeyboardInterrupt
+
+    if threading.current_thread() is not threading.main_thread():
+        yield interrupt
+        return
+    before = signal.signal(signal.SIGINT, note)
+    try:
+        yield interrupt
     finally:
         signal.signal(signal.SIGINT, before)

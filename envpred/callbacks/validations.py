@@ -29,6 +29,7 @@ class Validations(Callback):
         """Replace the file of an earlier run in the same folder."""
         if not trainer.ckpt_path:
             self.history = History([], {})
+        self.history = self.history._replace(ended=None)
         self._write(trainer)
 
     def on_validation_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
@@ -43,6 +44,11 @@ class Validations(Callback):
 
     def on_train_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
         self._note_checkpoints(trainer)
+
+    def on_fit_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
+        """Say that the training has reached its end, which an exit code alone does not."""
+        self.history = self.history._replace(ended=trainer.current_epoch)
+        self._write(trainer)
 
     def state_dict(self) -> dict[str, Any]:
         return self.history.as_json()

@@ -53,4 +53,5 @@ def _run(args: list[str]) -> None:
     else:
         with ends_at_once():
             from envpred.cli.lightning import lightning
-        lightning(args)
+
+            lightning(args)  # what is lost by Ctrl-C is told as soon as there is something to lose

@@ -19,6 +19,7 @@ from envpred.cli.registry import LIGHTNING
 from envpred.cli.shipped import COMPLETE
 from envpred.cli.signatures import options
 from envpred.cli.tokens import plain
+from envpred.cli.unfinished import told_if_ended
 from envpred.datamodules import GridDataModule
 from envpred.errors import UserError, as_raised
 from envpred.models import Forecaster
@@ -154,6 +155,10 @@ class EnvpredCLI(LightningCLI):
             f"the weights of {type(self.model).__name__} must come from a checkpoint, or random ones would be judged; "
             f"{hint} (or --ckpt_path none, for random weights on purpose)"
         )
+
+    def _run_subcommand(self, subcommand: str) -> None:
+        with told_if_ended(self.trainer):
+            super()._run_subcommand(subcommand)
 
     @property
     def _options(self) -> Namespace:

@@ -2,10 +2,12 @@
 
     {"validations": [{"epoch": 0, "step": 500, "stage": "t1", "val_mse": 0.021, "static_mse": 0.024,
                       "horizons": {"0.5s": {"val_mse": 0.014, "static_mse": 0.015}, ...}}, ...],
-     "best": {"best_t1.ckpt": {"monitor": "val/loss_t1", "score": 0.0312, "validation": 3}, ...}}
+     "best": {"best_t1.ckpt": {"monitor": "val/loss_t1", "score": 0.0312, "validation": 3}, ...},
+     "ended": null}
 
 `val_mse` and `static_mse`, the static baseline's, are means over windows and horizons.  The stage is null where a model
 has no stages.  `best` says of each checkpoint that a validation decides on which one that was: its place in the list.
+`ended` is null until the training has reached its end, then the epochs that it took.
 """
 
 import json
@@ -46,10 +48,11 @@ class History(NamedTuple):
 
     validations: list[Validation]
     best: dict[str, Best]
+    ended: int | None = None
 
     def as_json(self) -> dict[str, Any]:
         """What stands in the file."""
-        return {"validations": list(self.validations), "best": dict(self.best)}
+        return {"validations": list(self.validations), "best": dict(self.best), "ended": self.ended}
 
     def chosen(self) -> Chosen | None:
         """The best checkpoint of the stage that the last validation is of; None where none was kept."""
@@ -67,4 +70,4 @@ def read_validations(folder: Path) -> History:
         told = json.loads((folder / VALIDATIONS).read_text())
     except FileNotFoundError:
         return History([], {})
-    return History(told["validations"], told["best"])
+    return History(told["validations"], told["best"], told.get("ended"))

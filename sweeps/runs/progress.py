@@ -49,8 +49,9 @@ class Progress:
         """The mean squared error, over windows and horizons, of the best checkpoint of the final stage.
 
         Raises:
-            UserError: if there is none, or it is not finite.
+            UserError: if there is none, it is not finite, or the run has not reached its end.
         """
+        check_ended(self.folder, self.epochs)
         chosen = read_validations(self.folder).chosen()
         if chosen is None:
             raise UserError("the run left no best checkpoint or no validation")
@@ -58,3 +59,15 @@ class Progress:
         if not math.isfinite(value):
             raise UserError(f"the validation error of {chosen.checkpoint} is {value}")
         return value
+
+
+def check_ended(folder: Path, epochs: int) -> None:
+    """Refuse the run in `folder`, which takes `epochs`, if it has not reached its end, whatever its exit code was.
+
+    Raises:
+        UserError: with the epochs that it has done.
+    """
+    found = read_validations(folder)
+    if found.ended is None:
+        done = found.validations[-1]["epoch"] + 1 if found.validations else 0
+        raise UserError(f"the run ended after {done} of {epochs} epochs, before its end")

@@ -12,15 +12,16 @@ from envpred.cli.arguments import FitArguments
 from envpred.datamodules import GridDataModule
 from envpred.errors import UserError
 from envpred.results.result import RESULT
-from envpred.results.validations import read_validations
+from envpred.results.validations import VALIDATIONS, read_validations
 from envpred.store import digest
-from envpred.store.files import replace_text
+from envpred.store.files import inside, replace_text
 
 from ..runs import processes
-from ..runs.trial import DEFAULTS, as_yaml, failure, logged_to
+from ..runs.progress import check_ended, epochs_of
+from ..runs.trial import DEFAULTS, TrialFailedError, as_yaml, failure, logged_to
 from .plan import Run
 
-CONFIG, TRAINED, SECONDS = "run.yaml", ".trained", "seconds.json"
+CONFIG, SECONDS = "run.yaml", "seconds.json"
 
 
 @dataclass(frozen=True)
@@ -74,12 +75,16 @@ class Job:
         self.result.unlink(missing_ok=True)
         replace_text(self.folder / CONFIG, as_yaml(dict(self.config)))
         checkpoints = self.folder / "checkpoints"
-        if self.run.trains and not (self.folder / TRAINED).exists():
+        if self.run.trains and read_validations(self.folder).ended is None:
             last = checkpoints / "last.ckpt"
             self._call("fit", *([f"--ckpt_path={last}"] if last.exists() else []))
-            (self.folder / TRAINED).touch()
+            try:
+                check_ended(self.folder, epochs_of(self.config))
+            except UserError as error:
+                raise TrialFailedError(str(error)) from None
+        validations = self.folder / VALIDATIONS
         best = read_validations(self.folder).chosen() if self.run.trains else None
-        self._call("test", *([f"--ckpt_path={checkpoints / best.checkpoint}"] if best else []))
+        self._call("test", *([f"--ckpt_path={inside(checkpoints, best.checkpoint, validations)}"] if best else []))
         if not self.result.exists():
             raise UserError(f"{self.folder}: `envpred test` left no {RESULT}; see test.log there")
         seconds = time.monotonic() - start

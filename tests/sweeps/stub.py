@@ -36,7 +36,7 @@ def train(config: Path, folder: Path) -> None:
         )
         write_json(folder / VALIDATIONS, history.as_json())
     history.best["best.ckpt"] = {"monitor": "val/loss", "score": 0.5, "validation": 1}
-    write_json(folder / VALIDATIONS, history.as_json())
+    write_json(folder / VALIDATIONS, history._replace(ended=epochs).as_json())
 
 
 def command_line(name: str, options: Mapping[str, Any], fit: list[str]) -> list[str]:

@@ -146,6 +146,27 @@ def test_a_failed_run_is_told_and_the_others_are_done(
     assert "* failed: t5_only" in (tmp_path / "out" / "sweep.md").read_text()
 
 
+def test_a_training_that_did_not_reach_its_end_is_not_tested(
+    store: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Though its exit code says nothing of it."""
+    calls: list[str] = []
+
+    def call(job: Job, command: str, *options: str) -> None:
+        calls.append(f"{command} {job.run.name}")
+        job.result.touch()
+
+    monkeypatch.setattr(Job, "_call", call)
+    monkeypatch.setattr("sweeps.ablation._report", lambda *_: {})
+    monkeypatch.setattr("sweeps.ablation.summary", lambda *_: "")
+    for _ in range(2):  # what is not trained is trained again
+        with pytest.raises(SystemExit):
+            main(arguments(store, tmp_path / "out", "--variants=[]", "--switches=[t5_only]"))
+        assert "t5_only: the run ended after 0 of 2 epochs, before its end" in capsys.readouterr().err
+    assert calls.count("fit t5_only") == 2
+    assert "test t5_only" not in calls
+
+
 @pytest.mark.parametrize(
     ("more", "says"),
     [

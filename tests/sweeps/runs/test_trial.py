@@ -15,7 +15,7 @@ from envpred.callbacks.hyperparameters import FINAL
 from envpred.cli import main
 from envpred.cli.arguments import FitArguments
 from envpred.errors import UserError
-from envpred.results.validations import VALIDATIONS, History
+from envpred.results.validations import VALIDATIONS, History, read_validations
 from envpred.store.files import write_json
 from sweeps.runs import processes
 from sweeps.runs.progress import Progress, epochs_of
@@ -36,6 +36,7 @@ def write(folder: Path, validations: list[tuple[str, float]], best: dict[str, in
             for k, (stage, mse) in enumerate(validations)
         ],
         {name: {"monitor": "val/loss", "score": 0.0, "validation": place} for name, place in best.items()},
+        ended=len(validations),
     )
     write_json(folder / VALIDATIONS, history.as_json())
 
@@ -88,6 +89,7 @@ def test_a_real_run_is_read_right(fit: FitArguments, tmp_path: Path) -> None:
 
 
 def test_a_score_that_is_no_number_is_refused(tmp_path: Path) -> None:
+    write(tmp_path, [("t1", 0.5)], {})
     with pytest.raises(UserError, match="no best checkpoint"):
         Progress(tmp_path, 2).score()
     write(tmp_path, [("t1", 0.5), ("t5", float("nan"))], {"best_t1.ckpt": 0, "best.ckpt": 1})
@@ -132,8 +134,21 @@ def test_a_full_disk_is_no_fault_of_the_values(tmp_path: Path) -> None:
 
 
 def test_a_run_that_leaves_nothing_failed(fit: FitArguments, tmp_path: Path) -> None:
-    with pytest.raises(TrialFailedError, match="no best checkpoint"):
+    with pytest.raises(TrialFailedError, match="after 0 of 3 epochs"):
         Runner(tmp_path, script("pass")).run(0, fit.base, ignore, ignore)
+
+
+def test_a_run_that_did_not_reach_its_end_is_worth_nothing(fit: FitArguments, tmp_path: Path) -> None:
+    """Whatever its exit code says: what tells is what `envpred fit` writes at its end."""
+
+    def command(config: Path, folder: Path) -> list[str]:
+        write(folder, [("t1", 0.1), ("t5", 0.4)], {"best.ckpt": 1})
+        told = read_validations(folder)._replace(ended=None)
+        write_json(folder / VALIDATIONS, told.as_json())
+        return ["true"]
+
+    with pytest.raises(TrialFailedError, match="after 2 of 3 epochs, before its end"):
+        Runner(tmp_path, command).run(0, fit.base, ignore, ignore)
 
 
 def test_an_ended_trial_leaves_no_process(fit: FitArguments, tmp_path: Path) -> None:

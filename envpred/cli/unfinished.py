@@ -1,0 +1,71 @@
+"""What fit, validate, test and predict say where they are ended before their end, and the exit code that tells so."""
+
+import logging
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from lightning.pytorch import Callback, Trainer
+from lightning.pytorch.callbacks import ModelCheckpoint
+from lightning.pytorch.trainer.states import TrainerFn
+from lightning.pytorch.utilities.exceptions import SIGTERMException
+
+from envpred.interrupts import MESSAGE, Interrupt, noted
+
+INTERRUPTED, TERMINATED = 130, 143  # exit codes, 128 and the signal's number
+
+
+@contextmanager
+def told_if_ended(trainer: Trainer) -> Iterator[None]:
+    """End with one line and an exit code of its own where a signal ends what a trainer does.
+
+    Lightning ends with 0 after SIGTERM, as if the training were complete, and with 1 after Ctrl-C.
+    """
+    logging.getLogger("lightning.pytorch.utilities.rank_zero").addFilter(_no_announcement)  # the line below says more
+    with noted() as interrupt:
+        trainer.callbacks.append(_Heeded(interrupt))  # type: ignore[attr-defined]
+        try:
+            yield
+        except SIGTERMException:
+            code = TERMINATED
+        except BaseException as error:
+            if not interrupt.told and not isinstance(error, KeyboardInterrupt):
+                raise
+            code = INTERRUPTED
+        else:
+            return
+        if trainer.is_global_zero:
+            print(_line(trainer), file=sys.stderr, flush=True)
+        sys.exit(code)
+
+
+class _Heeded(Callback):
+    """Ends what a trainer does also where a library has swallowed the exception of Ctrl-C."""
+
+    def __init__(self, interrupt: Interrupt) -> None:
+        self.interrupt = interrupt
+
+    def _heed(self, *_: Any, **__: Any) -> None:
+        if self.interrupt.told:
+            raise KeyboardInterrupt
+
+    on_train_batch_start = on_validation_batch_start = on_test_batch_start = on_predict_batch_start = _heed
+
+
+def _line(trainer: Trainer) -> str:
+    """What was saved, and how to go on."""
+    if trainer.state.fn != TrainerFn.FITTING:
+        return MESSAGE
+    done = f"envpred: interrupted after {trainer.current_epoch} of {trainer.max_epochs} epochs"
+    kept = [Path(c.dirpath) for c in trainer.checkpoint_callbacks if isinstance(c, ModelCheckpoint) and c.dirpath]
+    last = next((folder / "last.ckpt" for folder in kept if (folder / "last.ckpt").is_file()), None)
+    if last is None:
+        return f"{done}, before the first checkpoint; run the same command again"
+    return f"{done}; run the same command again with --ckpt_path {last} to go on"
+
+
+def _no_announcement(record: logging.LogRecord) -> bool:
+    """Whether a line says more than that Lightning has heard Ctrl-C."""
+    return "Detected KeyboardInterrupt" not in record.getMessage()
