@@ -25,6 +25,7 @@ from envpred.errors import UserError, as_raised
 from envpred.models import Forecaster
 from envpred.models.checkpoints import read_checkpoint
 from envpred.results.result import short_name
+from envpred.results.validations import read_validations
 
 rank_zero_log = logging.getLogger("lightning.pytorch.utilities.rank_zero")
 
@@ -75,7 +76,7 @@ class EnvpredCLI(LightningCLI):
         file = Path(asked)
         if asked in ("best", "last"):
             file = self._newest(asked)
-            print(f"checkpoint: {file}", file=sys.stderr)
+            print(f"checkpoint: {file}{_beside(file)}", file=sys.stderr)
         read_checkpoint(file)
         options["ckpt_path"] = str(file)
         options["weights_only"] = True
@@ -193,6 +194,20 @@ class EnvpredCLI(LightningCLI):
 def _written(folder: Path) -> int:
     """When a checkpoint was last written into a folder."""
     return max((file.stat().st_mtime_ns for file in folder.glob("*.ckpt")), default=0)
+
+
+def _beside(file: Path) -> str:
+    """What else is to be known of a checkpoint that was found: how far its run came, and newer runs without any."""
+    run, when = file.parents[1], _written(file.parent)
+    state = f"its run has {'not ' if read_validations(run).ended is None else ''}reached its end"
+    others = [other for other in run.parent.iterdir() if other.is_dir() and not _written(other / "checkpoints")]
+    newer = sorted(other.name for other in others if any(f.stat().st_mtime_ns > when for f in other.iterdir()))
+    if not newer:
+        return f" ({state})"
+    return (
+        f" ({state}; newer, but ended before their first checkpoint: {', '.join(newer)}; "
+        "to begin again leave --ckpt_path out)"
+    )
 
 
 C = TypeVar("C", bound=EnvpredCLI)

@@ -1,10 +1,14 @@
 """Where runs lie: fits apart from tests, under a name of the user's, and never over another run."""
 
+import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 import yaml
 
+from envpred.callbacks import Pictures
 from envpred.cli import main
 from tests.remedies import remedy
 from tests.store.stores import write_store
@@ -55,3 +59,21 @@ def test_a_named_fit_is_found_and_resumed() -> None:
     with pytest.raises(SystemExit):
         main([*fit, "--name=mine", "--ckpt_path", str(runs / "other" / "checkpoints" / "last.ckpt")])
     assert {file: file.read_bytes() for file in (runs / "mine").rglob("*") if file.is_file()} == before
+
+
+@pytest.mark.slow
+def test_a_newer_run_without_a_checkpoint_is_told(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It was killed before its first, so that an older one is taken, which may be at its end."""
+    monkeypatch.setattr(Pictures, "on_validation_end", lambda *_: None)  # drawing takes longer than all else
+    small = ["--model=PredNetForecaster", "--model.channels=[4]", "--model.t1_epochs=1", "--model.t5_epochs=0"]
+    fit = ["fit", *small, "--data.store=grids", "--data.samples=2", *QUIET]
+    main(fit)
+    code = "import os, signal, sys; from envpred.cli import main; from envpred.models import PredNetForecaster\n"
+    code += "PredNetForecaster.training_step = lambda *_: os.kill(os.getpid(), signal.SIGKILL)\nmain(sys.argv[1:])"
+    assert subprocess.run([sys.executable, "-c", code, *fit], check=False).returncode == -signal.SIGKILL
+    main([*fit, "--ckpt_path=last"])
+    said = next(line for line in capsys.readouterr().err.splitlines() if line.startswith("checkpoint: "))
+    assert said.startswith("checkpoint: runs/fit/prednet/dst_static/version_0/checkpoints/last.ckpt")
+    assert "its run has reached its end; newer, but ended before their first checkpoint: version_1;" in said
