@@ -3,13 +3,18 @@
 import os
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from types import FrameType
 from typing import NoReturn
 
 MESSAGE = "envpred: interrupted; run the same command again to go on"
+
+
+def end_at_once(signum: int, frame: FrameType | None) -> NoReturn:
+    """End the process where it stands, as a handler of Ctrl-C."""
+    os.write(2, f"{MESSAGE}\n".encode())
+    os._exit(130)
 
 
 @contextmanager
@@ -18,42 +23,50 @@ def ends_at_once() -> Iterator[None]:
 
     A C extension may turn a KeyboardInterrupt that it meets while it loads into an ImportError, or swallow it.
     """
-
-    def end(signum: int, frame: FrameType | None) -> NoReturn:
-        os.write(2, f"{MESSAGE}\n".encode())
-        os._exit(130)
-
-    if threading.current_thread() is not threading.main_thread():  # only that one may set signal handlers
+    with _handled(end_at_once):
         yield
-        return
-    before = signal.signal(signal.SIGINT, end)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
 
 
-@dataclass
-class Interrupt:
-    """Whether Ctrl-C was pressed."""
-
-    told: bool = False
+_pressed = threading.Event()
 
 
 @contextmanager
-def noted() -> Iterator[Interrupt]:
-    """Let Ctrl-C be a KeyboardInterrupt, as ever, and be known also where a library makes something else of that."""
-    interrupt = Interrupt()
+def noted() -> Iterator[None]:
+    """Let Ctrl-C be a KeyboardInterrupt, whatever a library makes of it: what fails after it fails because of it."""
 
     def note(signum: int, frame: FrameType | None) -> NoReturn:
-        interrupt.told = True
+        _pressed.set()
         raise KeyboardInterrupt
 
-    if threading.current_thread() is not threading.main_thread():
-        yield interrupt
+    with _handled(note):
+        _pressed.clear()
+        try:
+            yield
+        except BaseException:
+            if _pressed.is_set():
+                raise KeyboardInterrupt from None
+            raise
+        finally:
+            _pressed.clear()
+
+
+def heed() -> None:
+    """Raise the KeyboardInterrupt of a `noted` Ctrl-C again: whoever waits calls this, as it may have been lost.
+
+    Python loses it in finalisers, and in what it calls while a process is started.
+    """
+    if _pressed.is_set():
+        raise KeyboardInterrupt
+
+
+@contextmanager
+def _handled(handler: Callable[[int, FrameType | None], NoReturn]) -> Iterator[None]:
+    """Give Ctrl-C to a handler."""
+    if threading.current_thread() is not threading.main_thread():  # only that one may set signal handlers
+        yield
         return
-    before = signal.signal(signal.SIGINT, note)
+    before = signal.signal(signal.SIGINT, handler)
     try:
-        yield interrupt
+        yield
     finally:
         signal.signal(signal.SIGINT, before)

@@ -21,6 +21,7 @@ from envpred.cli.arguments import names_configuration
 from envpred.datamodules import GridDataModule
 from envpred.datamodules.variants import VARIANTS
 from envpred.errors import UserError
+from envpred.interrupts import noted
 from envpred.report import report
 from envpred.store import Store
 from envpred.store.files import replace_text
@@ -86,10 +87,11 @@ def ablation(
         times = _show(jobs, todo, missing, store, workers)
         if dry_run:
             return
-        for key in missing:
-            say(f"building the store of {key}")
-            stores.build(key, store, folders[key], source)
-        failures = _do(todo, times, workers)
+        with noted():
+            for key in missing:
+                say(f"building the store of {key}")
+                stores.build(key, store, folders[key], source)
+            failures = _do(todo, times, workers)
         reports = _report(jobs, out, failures)
         text = summary(jobs, reports, failures, out)
         say(f"{text}\nsummary: {replace_text(out / SUMMARY, text)}")

@@ -25,6 +25,7 @@ import optuna
 from envpred.cli.arguments import FitArguments, names_configuration
 from envpred.datamodules import GridDataModule
 from envpred.errors import UserError
+from envpred.interrupts import noted
 from envpred.results.result import short_name
 from envpred.store import digest
 from envpred.store.files import replace_text
@@ -94,7 +95,7 @@ def tune(
     folder = out / name
     identity = {"space": read.hash, "data": data_hash(base.base["data"]), "configuration": _configuration_hash(base)}
     optuna.logging.set_verbosity(optuna.logging.WARNING)
-    with told(folder, storage):
+    with told(folder, storage), noted():
         kept = open_storage(folder, storage)
         study = open_study(
             kept, name, identity, sampling.sampler(sampler, seed, read.values_in(base)), sampling.pruner(pruner), force

@@ -12,7 +12,7 @@ from lightning.pytorch.callbacks import ModelCheckpoint
 from lightning.pytorch.trainer.states import TrainerFn
 from lightning.pytorch.utilities.exceptions import SIGTERMException
 
-from envpred.interrupts import MESSAGE, Interrupt, noted
+from envpred.interrupts import MESSAGE, heed, noted
 
 INTERRUPTED, TERMINATED = 130, 143  # exit codes, 128 and the signal's number
 
@@ -24,32 +24,26 @@ def told_if_ended(trainer: Trainer) -> Iterator[None]:
     Lightning ends with 0 after SIGTERM, as if the training were complete, and with 1 after Ctrl-C.
     """
     logging.getLogger("lightning.pytorch.utilities.rank_zero").addFilter(_no_announcement)  # the line below says more
-    with noted() as interrupt:
-        trainer.callbacks.append(_Heeded(interrupt))  # type: ignore[attr-defined]
-        try:
+    try:
+        with noted():
+            trainer.callbacks.append(_Heeded())  # type: ignore[attr-defined]
             yield
-        except SIGTERMException:
-            code = TERMINATED
-        except BaseException as error:
-            if not interrupt.told and not isinstance(error, KeyboardInterrupt):
-                raise
-            code = INTERRUPTED
-        else:
-            return
-        if trainer.is_global_zero:
-            print(_line(trainer), file=sys.stderr, flush=True)
-        sys.exit(code)
+    except SIGTERMException:
+        code = TERMINATED
+    except KeyboardInterrupt:
+        code = INTERRUPTED
+    else:
+        return
+    if trainer.is_global_zero:
+        print(_line(trainer), file=sys.stderr, flush=True)
+    sys.exit(code)
 
 
 class _Heeded(Callback):
     """Ends what a trainer does also where a library has swallowed the exception of Ctrl-C."""
 
-    def __init__(self, interrupt: Interrupt) -> None:
-        self.interrupt = interrupt
-
     def _heed(self, *_: Any, **__: Any) -> None:
-        if self.interrupt.told:
-            raise KeyboardInterrupt
+        heed()
 
     on_train_batch_start = on_validation_batch_start = on_test_batch_start = on_predict_batch_start = _heed
 

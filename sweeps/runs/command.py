@@ -11,6 +11,7 @@ from envpred.cli.arguments import split_arguments
 from envpred.cli.help import of_command
 from envpred.cli.own import asks_for_help, parsed
 from envpred.errors import UserError
+from envpred.interrupts import ends_at_once
 
 # Arguments of the data that decide which windows are judged; runs that differ here cannot be compared.
 FIXED = ("store", "variant", "split", "train", "val", "test", "length", "given", "val_windows", "stride")
@@ -48,14 +49,17 @@ def run(function: Callable[..., None], command: str, args: list[str] | None) -> 
     def end(signum: int, frame: FrameType | None) -> NoReturn:
         raise KeyboardInterrupt
 
-    signal.signal(signal.SIGTERM, end)
+    before = signal.signal(signal.SIGTERM, end)
     logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)  # windows are counted again and again
     try:
-        ours, fit = split_arguments(args)
-        function(**parsed(command, function, ours, skip=("fit",)), fit=fit)
+        with ends_at_once():  # `function` says where there is something to lose
+            ours, fit = split_arguments(args)
+            function(**parsed(command, function, ours, skip=("fit",)), fit=fit)
     except UserError as error:
         print(f"{name}: {error}", file=sys.stderr)
         sys.exit(1)
     except KeyboardInterrupt:
         print(f"{name}: interrupted; run the same command again to go on", file=sys.stderr)
         sys.exit(130)
+    finally:
+        signal.signal(signal.SIGTERM, before)

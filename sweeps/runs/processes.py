@@ -1,5 +1,6 @@
 """Child processes that never outlive their parent, and whether another process still runs."""
 
+import contextlib
 import ctypes
 import os
 import platform
@@ -13,9 +14,11 @@ from typing import IO, Any
 from weakref import WeakSet
 
 from envpred.build.executors import available_cores
+from envpred.interrupts import heed
 
 PR_SET_PDEATHSIG = 1
 SECONDS_TO_END = 10.0
+POLL_SECONDS = 0.25
 _STARTED: WeakSet[subprocess.Popen[bytes]] = WeakSet()
 
 
@@ -48,6 +51,14 @@ def start(
     )
     _STARTED.add(process)
     return process
+
+
+def wait(process: subprocess.Popen[bytes]) -> int:
+    """The exit code of a child at its end."""
+    while True:
+        heed()  # of Ctrl-C while it was started
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            return process.wait(POLL_SECONDS)
 
 
 def stop(process: subprocess.Popen[bytes]) -> None:

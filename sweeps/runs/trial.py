@@ -11,13 +11,13 @@ from typing import Any
 import yaml
 
 from envpred.errors import UserError
+from envpred.interrupts import heed
 
 from . import processes
 from .progress import Progress, epochs_of
 
 CONFIG, LOG = "trial.yaml", "fit.log"
 DEFAULTS = {"pictures.every_n_epochs": 0}  # of `envpred fit` in a sweep: they take a quarter of a small run's time
-POLL_SECONDS = 0.25
 MEMORY = re.compile(r"out of memory|OutOfMemory|MemoryError|can't allocate memory|bad_alloc", re.IGNORECASE)
 DISK = re.compile(r"No space left on device|Disk quota exceeded")
 
@@ -82,7 +82,8 @@ class Runner:
                 code = None
                 while code is None:
                     on_poll()
-                    time.sleep(POLL_SECONDS)
+                    heed()
+                    time.sleep(processes.POLL_SECONDS)
                     code = process.poll()
                     for rung, value in progress.new_rungs().items():
                         on_rung(rung, value)

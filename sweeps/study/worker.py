@@ -14,6 +14,7 @@ from optuna.study import StudyDirection
 from optuna.trial import FrozenTrial, TrialState
 
 from envpred.errors import UserError
+from envpred.interrupts import heed
 
 from ..runs.trial import TrialFailedError
 from .retry import REASON, RETRY_OF, Pulse, Watch, give_up
@@ -113,6 +114,7 @@ class Worker:
             UserError: if trials fail and fail.
         """
         while self._count(TrialState.COMPLETE) < self.trials:
+            heed()
             self.watch.look()
             self._check_failures()
             trial = self._next()

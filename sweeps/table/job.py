@@ -97,7 +97,7 @@ class Job:
         with log.open("wb") as out:
             process = processes.start([sys.executable, "-m", "envpred", command, *given], out, threads=self.threads)
             try:
-                code = process.wait()
+                code = processes.wait(process)
             finally:
                 processes.stop(process)
         if code:
