@@ -4,6 +4,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from benchmarks.datamodule import DRIVES, FRAMES, write_sparse_store
 from envpred.datamodules import GridDataModule
 
@@ -18,6 +20,7 @@ print(before, peak_memory())
 """
 
 
+@pytest.mark.slow
 def test_memory_of_many_frames(tmp_path: Path) -> None:
     write_sparse_store(tmp_path / "grids")
     result = subprocess.run(

@@ -90,6 +90,7 @@ def check_killed_study(folder: Path, args: list[str], url: str | None, module: s
     assert (folder / BEST).exists()
 
 
+@pytest.mark.slow
 def test_a_worker_is_killed_in_mid_trial(store: Path, space_file: Path, tmp_path: Path) -> None:
     args = tuning(store, space_file, tmp_path, f"--trials={TRIALS}", "--pruner=none")
     check_killed_study(tmp_path / NAME, args, None, "tests.sweeps.stub", STUB_SECONDS="1")
