@@ -31,17 +31,23 @@ _pressed = threading.Event()
 
 
 @contextmanager
-def noted() -> Iterator[None]:
-    """Let Ctrl-C be a KeyboardInterrupt, whatever a library makes of it: what fails after it fails because of it."""
+def noted(later: bool = False) -> Iterator[None]:
+    """Let Ctrl-C be a KeyboardInterrupt, whatever a library makes of it: what fails after it fails because of it.
 
-    def note(signum: int, frame: FrameType | None) -> NoReturn:
+    Where an exception at any moment could leave a lock behind, it is one `later`, at the next `heed`; so is SIGTERM.
+    """
+
+    def note(signum: int, frame: FrameType | None) -> None:
         _pressed.set()
-        raise KeyboardInterrupt
+        if not later:
+            raise KeyboardInterrupt
 
-    with _handled(note):
+    with _handled(note, *((signal.SIGTERM,) if later else ())):
         _pressed.clear()
         try:
             yield
+            if later:
+                heed()
         except BaseException:
             if _pressed.is_set():
                 raise KeyboardInterrupt from None
@@ -60,13 +66,14 @@ def heed() -> None:
 
 
 @contextmanager
-def _handled(handler: Callable[[int, FrameType | None], NoReturn]) -> Iterator[None]:
-    """Give Ctrl-C to a handler."""
+def _handled(handler: Callable[[int, FrameType | None], None], *signals: signal.Signals) -> Iterator[None]:
+    """Give Ctrl-C, and other `signals`, to a handler."""
     if threading.current_thread() is not threading.main_thread():  # only that one may set signal handlers
         yield
         return
-    before = signal.signal(signal.SIGINT, handler)
+    before = {number: signal.signal(number, handler) for number in (signal.SIGINT, *signals)}
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, before)
+        for number, other in before.items():
+            signal.signal(number, other)

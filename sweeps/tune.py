@@ -123,7 +123,8 @@ def tune(
             return  # they have written what the study found
         else:
             objective = Objective(study, read, base, Runner(folder / "trials", fit_command))
-            Worker(study, kept, trials, objective, grace, max_failures, say=say).work()
+            with noted(later=True):  # the study's journal is locked now and then
+                Worker(study, kept, trials, objective, grace, max_failures, say=say).work()
         place = hidden(storage) if storage else str(folder / JOURNAL)
         say(f"best of {trials}: {write_best(study, base, identity, place, folder)}")
         replace_text(folder / TRIALS, trials_csv(study))

@@ -14,9 +14,10 @@ from envpred.cli.arguments import FitArguments
 from envpred.interrupts import MESSAGE, noted
 from sweeps import ablation, tune
 from sweeps.runs.trial import Runner
+from sweeps.study.storage import TidyLock
 from sweeps.table.job import Job
 from sweeps.table.plan import Run
-from tests.sweeps.conftest import SMALL
+from tests.sweeps.conftest import SMALL, tuning
 
 # As a C extension does that meets a KeyboardInterrupt while it loads.
 LOADING = """
@@ -79,6 +80,45 @@ def test_while_runs_go_on(
     assert stop.value.code == 130
     assert capsys.readouterr().err == "envpred ablate: interrupted; run the same command again to go on\n"
     assert signal.getsignal(signal.SIGINT) == handler
+
+
+@pytest.mark.usefixtures("stubbed")
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_while_the_journal_is_locked(
+    store: Path,
+    space_file: Path,
+    tmp_path: Path,
+    number: signal.Signals,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """A lock that an exception left behind would be waited for, by this very worker first."""
+    acquire, release = TidyLock.acquire, TidyLock.release
+    struck: list[int] = []
+    held: list[TidyLock] = []
+    left_behind: list[TidyLock] = []
+
+    def strike(lock: TidyLock) -> bool:
+        left_behind.extend(held)
+        got = acquire(lock)
+        held.append(lock)
+        if any(tmp_path.rglob("trial.yaml")) and not struck:
+            struck.append(number)
+            os.kill(os.getpid(), number)
+        return got
+
+    def let_go(lock: TidyLock) -> None:
+        held.clear()
+        release(lock)
+
+    monkeypatch.setattr(TidyLock, "acquire", strike)
+    monkeypatch.setattr(TidyLock, "release", let_go)
+    monkeypatch.setenv("STUB_SECONDS", "30")
+    with pytest.raises(SystemExit) as stop:
+        tune.main(tuning(store, space_file, tmp_path, "--name=a", "--grace=1"))
+    assert (struck, stop.value.code) == ([number], 130)
+    assert "interrupted; run the same command again" in capsys.readouterr().err
+    assert not left_behind
 
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
