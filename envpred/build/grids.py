@@ -50,7 +50,8 @@ def build(
         reader: the only reader that is asked for drives, as module.function; by default all are.
 
     Raises:
-        UserError: if drives fail (after the others are done), or the store does not fit.
+        UserError: if drives fail (after the others are done), or the store does not fit, or is not apart from the
+            source.
     """
     if workers is not None and workers < 1:
         raise UserError(f"--workers {workers}: give at least 1")
@@ -59,6 +60,7 @@ def build(
         parameters.grid.wider(context)  # refuses what does not fit
     with ends_at_once():  # readers bring libraries of their own
         found = [thinned(drive, parameters.every) for drive in _chosen(find_drives(source, reader), drives)]
+    _check_apart(source, store)
     target = Store(store)
     keys = {"mapping": target.claim("mapping", parameters.as_dict(), force=force)}
     if context is not None:
@@ -179,6 +181,14 @@ def _about(drive: Drive, mapper: Mapper, origin: FloatArray) -> dict[str, Any]:
         "sensor": mapper.sensor_to_body.tolist(),
         "body": asdict(mapper.body),
     }
+
+
+def _check_apart(source: Path, store: Path) -> None:
+    """Refuse a store that could get into the way of the recordings."""
+    drives, grids = source.resolve(), store.resolve()
+    if drives == grids or drives in grids.parents or grids in drives.parents:
+        how = "is" if drives == grids else "lies in" if drives in grids.parents else "holds"
+        raise UserError(f"--store {store}: {how} the source {source}; give a folder apart from the drives")
 
 
 def _check_same(stored: StoredDrive, about: Mapping[str, Any]) -> None:

@@ -3,7 +3,6 @@
 import glob
 import os
 import platform
-import shutil
 import zlib
 from collections.abc import Sequence
 from pathlib import Path
@@ -21,6 +20,7 @@ from envpred.models import Forecaster
 from envpred.results.predictions import FORMAT, WHAT, drive_entry, window_entry
 from envpred.store import MANIFEST, sweep
 from envpred.store.files import write_json
+from envpred.store.parts import discard, make_part, unmark
 
 
 class PredictionWriter(BasePredictionWriter):
@@ -54,7 +54,7 @@ class PredictionWriter(BasePredictionWriter):
             try:
                 part.parent.mkdir(parents=True, exist_ok=True)
                 sweep(part.parent, glob.escape(self.out.name))
-                part.mkdir()
+                make_part(part)
             except OSError as error:
                 raise UserError(f"{self.out}: cannot be written ({error.strerror}); give another folder") from None
         trainer.strategy.barrier()
@@ -104,6 +104,7 @@ class PredictionWriter(BasePredictionWriter):
                 "windows": [entries[k] for k in sorted(entries)],
             }
             write_json(self.part / MANIFEST, manifest)
+            unmark(self.part)
             os.replace(self.part, self.out)  # over an empty folder too
             rank_zero_info(f"predictions: {len(entries)} windows in {self.out}")
         self.part = None
@@ -111,7 +112,7 @@ class PredictionWriter(BasePredictionWriter):
     def on_exception(self, trainer: Trainer, pl_module: LightningModule, exception: BaseException) -> None:
         """Leave nothing half done behind."""
         if self.part is not None and trainer.is_global_zero:
-            shutil.rmtree(self.part, ignore_errors=True)
+            discard(self.part)
         self.part = None
 
 

@@ -14,7 +14,7 @@ from envpred.mapping.geometry import GridSpec
 from envpred.mapping.ground import GroundSegmenter, MarkovRandomField, RansacPlane
 from envpred.mapping.label_grid import RayCasting
 from envpred.mapping.mapper import MappingParameters
-from envpred.store import Store, StoredDrive
+from envpred.store import MANIFEST, Store, StoredDrive
 
 if TYPE_CHECKING:  # it brings torch along, which only some commands need
     from envpred.mapping.dogma import DogmaParameters
@@ -95,7 +95,7 @@ def verify(store: Path) -> None:
         except UserError as error:
             failures.append(str(error))
     for name in found.unfinished():
-        print(f"{name}: unfinished, `envpred grids` builds it again")
+        print(f"{name}: no drive of this store, as it has no {MANIFEST}")
     if failures:
         raise UserError("\n".join([*failures, f"{len(failures)} of {len(found.drives)} drives are damaged"]))
     print(f"{len(found.drives)} drives, all good")

@@ -34,7 +34,7 @@ class Store:
         return {f.name: StoredDrive(f) for f in folders if (f / MANIFEST).is_file()}
 
     def unfinished(self) -> list[str]:
-        """Names of folders without a manifest: what an interrupted or foreign program left."""
+        """Names of folders without a manifest: a drive whose manifest was removed, or what was never one."""
         return sorted(
             f.name
             for f in self.folder.iterdir()

@@ -4,7 +4,6 @@ import contextlib
 import glob
 import os
 import platform
-import shutil
 import time
 import zlib
 from collections.abc import Mapping
@@ -19,6 +18,8 @@ from numpy.typing import DTypeLike, NDArray
 from envpred import __version__
 from envpred.errors import UserError
 from envpred.store.files import FORMAT, MANIFEST, write_json
+from envpred.store.groups import GROUPS
+from envpred.store.parts import discard, make_part, unmark
 from envpred.store.reading import StoredDrive
 
 SILENCE = 24 * 3600.0  # seconds
@@ -84,6 +85,9 @@ class DriveWriter:
         key: hash of the group's parameters, as `Store.claim` returns it.
         about: what the manifest says beside its arrays; of a drive that is completed, what changes.
         beside: further groups that are written in the same step, and the hashes of their parameters.
+
+    Raises:
+        UserError: on entering, if the drive's folder is there and holds no drive of a store.
     """
 
     def __init__(
@@ -110,7 +114,8 @@ class DriveWriter:
 
     def __enter__(self) -> Self:
         sweep(self.part.parent, glob.escape(self.folder.name))
-        self.part.mkdir()  # no parents: a worker that cannot see the store must not make one of its own
+        self._check_place()
+        make_part(self.part)
         return self
 
     def __exit__(
@@ -122,7 +127,17 @@ class DriveWriter:
         finally:
             for writer in self.writers.values():
                 writer.abandon()
-            shutil.rmtree(self.part, ignore_errors=True)
+            discard(self.part)
+
+    def _check_place(self) -> None:
+        """Refuse to write over what is no drive of a store."""
+        there = self.folder.is_symlink() or self.folder.exists()
+        vacant = self.folder.is_dir() and not any(self.folder.iterdir())
+        if there and not vacant and not (self.folder / MANIFEST).is_file():
+            raise UserError(
+                f"{self.folder}: has no {MANIFEST}, so it is no drive of this store, and holds other files; move it "
+                "away, or give another --store"
+            )
 
     def _publish(self) -> None:
         entries = {name: {**writer.close(), "group": self.groups[name]} for name, writer in self.writers.items()}
@@ -130,7 +145,8 @@ class DriveWriter:
             if self.base is not None:
                 raise UserError(f"{self.folder}: was removed while {self.group} was built; run again")
             write_json(self.part / MANIFEST, self._manifest({}, entries))
-            shutil.rmtree(self.folder, ignore_errors=True)  # what an interrupted or foreign program left
+            self._check_place()
+            unmark(self.part)
             os.rename(self.part, self.folder)
             return
         old = StoredDrive(self.folder).manifest
@@ -143,10 +159,11 @@ class DriveWriter:
             os.replace(self.part / f"{name}.npy", self.folder / entry["file"])
         manifest = self._manifest({} if self.group == "mapping" else old, entries)
         write_json(self.folder / MANIFEST, manifest)
-        keep = {MANIFEST, *(entry["file"] for entry in manifest["arrays"].values())}
-        for file in self.folder.iterdir():
-            if file.name not in keep and file.is_file():
-                file.unlink()
+        # What no manifest names any more, or never did as its writer was killed; other files are not ours to remove.
+        keep = {entry["file"] for entry in manifest["arrays"].values()}
+        names = {*entries, *(array for group in GROUPS.values() for array in group.arrays)}
+        for name in {f"{name}{again}.npy" for name in names for again in ("", ".1")} - keep:
+            (self.folder / name).unlink(missing_ok=True)
 
     def _manifest(self, old: Mapping[str, Any], entries: Mapping[str, Any]) -> dict[str, Any]:
         """The manifest with the arrays of these groups in place of those that `old` has of them."""
@@ -170,7 +187,7 @@ def sweep(store: Path, drive: str = "*") -> None:
             else:  # another machine's processes cannot be asked; no writer is silent for a day
                 gone = time.time() - max(file.stat().st_mtime for file in (part, *part.iterdir())) > SILENCE
             if gone:
-                shutil.rmtree(part, ignore_errors=True)
+                discard(part)
 
 
 def _alive(pid: int) -> bool:

@@ -113,8 +113,11 @@ def test_finished_drives_are_skipped(source: Path, copy: Path, monkeypatch: pyte
     build(source, copy, workers=1)
 
 
-def test_unfinished_folder_is_built_again(source: Path, built: Path, copy: Path) -> None:
+def test_a_drive_without_its_manifest_is_left_to_the_user(source: Path, built: Path, copy: Path) -> None:
     (copy / NAMES[2] / "manifest.json").unlink()
+    with pytest.raises(UserError, match=rf"{NAMES[2]}: has no manifest.json, .* move it away, or give"):
+        build(source, copy, workers=1)
+    (copy / NAMES[2]).rename(copy.parent / "away")
     build(source, copy, workers=1)
     assert builds.content(copy) == builds.content(built)
 

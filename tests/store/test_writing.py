@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from envpred.errors import UserError
-from envpred.store import MANIFEST, DriveWriter, Store, sweep
+from envpred.store import MANIFEST, DriveWriter, Store, sweep, writing
+from envpred.store.parts import MARK, make_part
 from tests.store.small import FRAMES, PARAMETERS, VELOCITY, label, write
 
 
@@ -38,7 +39,7 @@ def dies_before_manifest(monkeypatch: pytest.MonkeyPatch) -> Callable[[], None]:
             real(source, target)
 
         monkeypatch.setattr(os, "replace", replace)
-        monkeypatch.setattr(shutil, "rmtree", lambda *_, **__: None)
+        monkeypatch.setattr(writing, "discard", lambda _: None)
 
     return arm
 
@@ -191,16 +192,31 @@ def test_group_of_a_drive_removed_meanwhile_is_refused(store: Path) -> None:
     assert not (store / "a").exists()
 
 
-def test_unfinished_folder_is_ignored_and_built_again(store: Path) -> None:
+def test_a_folder_that_is_no_drive_is_ignored_and_left_alone(store: Path) -> None:
     (store / "b").mkdir()
-    (store / "b" / "label.npy").write_bytes(b"half")
-    (store / "b" / "old.npy").write_bytes(b"half")
+    (store / "b" / "label.npy").write_bytes(b"a thesis")
     found = Store(store)
     assert list(found.drives) == ["a"]
     assert found.unfinished() == ["b"]
+    with pytest.raises(UserError, match=r"b: has no manifest.json, .* move it away"):
+        write(store, "b")
+    assert (store / "b" / "label.npy").read_bytes() == b"a thesis"
+    assert not list(store.glob(".part-*"))
+    (store / "b").rename(store.parent / "away")
+    (store / "b").mkdir()  # an empty one holds nothing to lose
     write(store, "b")
     assert list(Store(store).drives) == ["a", "b"]
-    assert {file.name for file in (store / "b").iterdir()} == {"label.npy", "time.npy", MANIFEST}
+
+
+def test_foreign_files_beside_arrays_stay(store: Path) -> None:
+    notes = store / "a" / "notes.npy"
+    notes.write_bytes(b"mine")
+    (store / "a" / "label.1.npy").write_bytes(b"of a killed writer")
+    write(store, group="dogma", key="k1", arrays={"velocity": VELOCITY})
+    assert notes.read_bytes() == b"mine"
+    assert not (store / "a" / "label.1.npy").exists()
+    write(store, key="k2", arrays={"label": label(1)})
+    assert {file.name for file in (store / "a").iterdir()} == {"label.1.npy", "notes.npy", MANIFEST}
 
 
 def test_sweep_removes_parts_of_dead_writers_only(store: Path) -> None:
@@ -209,11 +225,15 @@ def test_sweep_removes_parts_of_dead_writers_only(store: Path) -> None:
     living = store / f".part-b-{node}-{os.getppid()}"
     elsewhere = store / ".part-c-anothermachine-1"
     forgotten = store / ".part-d-anothermachine-1"
-    for part in (store / f".part-a-{node}-{dead}", living, elsewhere, forgotten):
-        part.mkdir()
+    foreign = store / f".part-e-{node}-{dead}"  # of such a name, and not marked
+    for part in (store / f".part-a-{node}-{dead}", living, elsewhere, forgotten, foreign):
+        make_part(part)
         (part / "label.npy").write_bytes(b"half")
-    for file in (forgotten, forgotten / "label.npy"):
+    (foreign / MARK).unlink()
+    (store / f".part-f-{node}-{dead}").mkdir()  # its writer was killed before it could mark it
+    for file in (forgotten, *forgotten.iterdir()):
         os.utime(file, (0, 0))
     sweep(store)
-    assert {file.name for file in store.glob(".part-*")} == {living.name, elsewhere.name}
+    assert {file.name for file in store.glob(".part-*")} == {living.name, elsewhere.name, foreign.name}
+    assert (foreign / "label.npy").exists()
     assert list(Store(store).drives) == ["a"]
