@@ -43,5 +43,14 @@ class EveryNth(Drive):
     def sensor_to_body(self) -> FloatArray:
         return self.drive.sensor_to_body()
 
+    @property
+    def stamped_in(self) -> Path | str:
+        return self.drive.stamped_in
+
+    @cached_property
+    def speeds(self) -> FloatArray | None:
+        speeds = self.drive.speeds
+        return None if speeds is None else speeds[np.isin(self.drive.frames, self.frames)]
+
     def image(self, k: int) -> Path | None:
         return self.drive.image(k)

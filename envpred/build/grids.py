@@ -10,11 +10,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 from tqdm import tqdm
 
 from envpred.build.every import thinned
+from envpred.build.glances import Glances
 from envpred.build.jobs import run_jobs, say
 from envpred.drives import Drive, find_drives
+from envpred.drives.plausible import oddities
 from envpred.errors import UserError
 from envpred.interrupts import ends_at_once
 from envpred.mapping.geometry import PAPER_SENSOR_OFFSET, FloatArray
@@ -83,6 +86,9 @@ def build(
         mapped = run_jobs(job, ready, "mapping", workers, cluster, failures)
     finally:
         sweep(store)  # what workers had begun when they were ended
+        stored = Store(store).drives
+        for line in (line for drive in ready if drive.name in stored for line in stored[drive.name].warnings):
+            say(f"warning: {line}")
     say(f"{_drives(len(todo))}, {mapped} frames mapped into {store} in {time.monotonic() - start:.0f} s")
 
 
@@ -107,13 +113,22 @@ def mapper_of(
     )
 
 
-def mapped(drive: Drive, mapper: Mapper) -> Iterator[Mapped]:
-    """What `mapper` makes of the frames of `drive`; it starts anew after a gap: what lies between is not known."""
+def mapped(
+    drive: Drive, mapper: Mapper, look: Callable[[NDArray[np.float32], Mapped], None] | None = None
+) -> Iterator[Mapped]:
+    """What `mapper` makes of the frames of `drive`; it starts anew after a gap: what lies between is not known.
+
+    `look` is shown each scan with what was made of it.
+    """
     starts = {first for first, _ in drive.stretches()}
     for t, k in enumerate(drive.frames):
         if t in starts:
             mapper.reset()
-        yield mapper.step(drive.scan(k), drive.poses[t], float(drive.times[t]))
+        points = drive.scan(k)
+        made = mapper.step(points, drive.poses[t], float(drive.times[t]))
+        if look is not None:
+            look(points, made)
+        yield made
 
 
 def map_drive(
@@ -136,9 +151,11 @@ def map_drive(
         on_frame: called after each frame.
 
     Raises:
-        UserError: if a drive that is to be completed was mapped from other frames.
+        UserError: if a drive that is to be completed was mapped from other frames, or scans, poses or stamps cannot be
+            those of a car's drive.
     """
     mapper = mapper_of(drive, parameters, context)
+    told, glances = oddities(drive, mapper.sensor_to_body), Glances(len(drive.frames), drive.sensor_height)
     T, H, W = len(drive.frames), mapper.grid.cells, mapper.context.cells if mapper.context else 0
     assert mapper.origin is not None  # the drive's poses give it
     about = _about(drive, mapper, mapper.origin)
@@ -157,10 +174,11 @@ def map_drive(
         if "context" in keys:
             written.append((out.add("context_label", np.uint8, (T, W, W), "context"), "context_label"))
             written.append((out.add("context_evidence", np.float16, (T, 2, W, W), "context"), "context_mass"))
-        for frame in mapped(drive, mapper):
+        for frame in mapped(drive, mapper, glances.look):
             for writer, field in written:
                 writer.append(getattr(frame, field))
             on_frame()
+        out.about = {**about, "warnings": [*told, *glances.oddities(drive.name)]}
     return T
 
 

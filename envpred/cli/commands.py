@@ -92,6 +92,8 @@ def verify(store: Path) -> None:
         try:
             drive.verify()
             print(f"{name}: {len(drive.frames)} frames, good")
+            for line in drive.warnings:
+                print(f"warning: {line}")
         except UserError as error:
             failures.append(str(error))
     for name in found.unfinished():

@@ -10,7 +10,7 @@ from lightning.pytorch.utilities import rank_zero_info
 from torch.utils.data import DataLoader
 
 from envpred.datamodules.contract import Needs
-from envpred.datamodules.selection import Selection, select, split_drives, usable_drives
+from envpred.datamodules.selection import Selection, select, split_drives, usable_drives, warnings_of
 from envpred.datamodules.variants import variant as variant_of
 from envpred.datamodules.windows import (
     CONTEXT,
@@ -122,6 +122,8 @@ class GridDataModule(LightningDataModule):
             names = [str(selection) for selection in self._selected(part)]
             told = ", ".join(names) if len(names) <= 8 else f"{len(names)} drives, {names[0]} to {names[-1]}"
             rank_zero_info(f"{part}: {len(self.datasets[part])} windows of {told}")
+            for lines in warnings_of(self._selected(part)).values():
+                rank_zero_info("\n".join(f"warning: {line}" for line in lines))
         if fresh and not math.isclose(self.period, PERIOD):  # at another rate, how far ahead that is must be said
             ahead = self.horizons * self.period
             rank_zero_info(f"{self.horizons} forecasts {self.period:.3g} s apart, the last {ahead:.3g} s ahead")
@@ -204,6 +206,7 @@ class GridDataModule(LightningDataModule):
             "split": "custom" if any(self.asked.values()) else self.split,
             "part": part,
             "drives": [str(selection) for selection in self._selected(part)],
+            "warnings": warnings_of(self._selected(part)),
             "window_rule": self._window_rule(part),
             "length": self.length,
             "given": self.given,

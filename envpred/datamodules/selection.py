@@ -4,7 +4,7 @@ A selection is a drive's name, or `name@start-stop` for the frames at positions 
 be left out.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
@@ -75,6 +75,11 @@ def select(items: list[str], drives: dict[str, StoredDrive]) -> list[Selection]:
             raise UserError(f"{item}: give drive@start-stop with 0 <= start < stop <= {frames}, its number of frames")
         chosen.append(Selection(drives[name], start, stop))
     return chosen
+
+
+def warnings_of(selections: Iterable[Selection]) -> dict[str, list[str]]:
+    """What was odd about the recordings of `selections`, a line each, by drive; drives without are left out."""
+    return {chosen.drive.name: chosen.drive.warnings for chosen in selections if chosen.drive.warnings}
 
 
 def preset(name: str, drives: dict[str, StoredDrive]) -> Split:

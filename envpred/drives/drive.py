@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from envpred.drives.plausible import check_points
 from envpred.errors import UserError
 from envpred.mapping.geometry import PAPER_BODY, PAPER_SENSOR_HEIGHT, PAPER_SENSOR_OFFSET, Body, FloatArray
 from envpred.mapping.period import is_gap, nominal
@@ -39,7 +40,7 @@ class Drive(ABC):
         """Points (N, 4) of frame `k` in the sensor frame: x, y, z in metres and reflectance.
 
         Raises:
-            UserError: if the file is missing, cut short, empty or holds coordinates that are not finite.
+            UserError: if the file is missing, cut short, empty or holds what cannot be a scan in metres.
         """
 
     @abstractmethod
@@ -58,6 +59,16 @@ class Drive(ABC):
         """Path of the camera picture of frame `k`, if the drive has one."""
         return None
 
+    @property
+    def stamped_in(self) -> Path | str:
+        """Where the times are from: their file, or the drive's name where they have none."""
+        return self.name
+
+    @property
+    def speeds(self) -> FloatArray | None:
+        """Speeds (T,) in m/s of all `frames` that the recording states beside its poses, if it does."""
+        return None
+
     @cached_property
     def poses(self) -> FloatArray:
         """Poses (T, 4, 4) of all `frames`."""
@@ -74,7 +85,9 @@ class Drive(ABC):
         back = np.flatnonzero(np.diff(times) <= 0)
         if len(back):
             a, b = self.frames[back[0]], self.frames[back[0] + 1]
-            raise UserError(f"{self.name}: frame {b} has no later time than frame {a}; mend the drive's time stamps")
+            raise UserError(
+                f"{self.stamped_in}: frame {b} has no later time than frame {a}; mend the drive's time stamps"
+            )
         return times
 
     @cached_property
@@ -102,7 +115,7 @@ def read_points(file: Path) -> NDArray[np.float32]:
     """Points (N, 4) float32 of one `.bin` scan in KITTI's format.
 
     Raises:
-        UserError: if it is missing, cut short, empty or holds coordinates that are not finite.
+        UserError: if it is missing, cut short, empty or holds what cannot be a scan in metres.
     """
     remedy = "copy it again, or delete it to leave a gap in the drive"
     try:
@@ -113,12 +126,8 @@ def read_points(file: Path) -> NDArray[np.float32]:
             raise UserError(
                 f"{file}: {size} bytes are no whole number of points of 16 bytes, so it is cut short; {remedy}"
             )
-        points = np.fromfile(file, np.float32).reshape(-1, 4)
+        points = np.fromfile(file, "<f4").reshape(-1, 4)
     except OSError as error:
         raise UserError(f"{file}: cannot be read ({error.strerror}); {remedy}") from None
-    # One pass and no temporary of the scan's size: a sum is finite only if all its terms are.
-    with np.errstate(invalid="ignore"):  # infinity less infinity
-        total = points.sum(dtype=np.float64)
-    if not np.isfinite(total):
-        raise UserError(f"{file}: holds coordinates that are not finite; {remedy}")
+    check_points(file, points)
     return points

@@ -15,10 +15,23 @@ import pykitti.utils
 from numpy.typing import NDArray
 
 from envpred.drives.drive import Drive, read_points
+from envpred.drives.plausible import check_rotation
 from envpred.errors import UserError
 from envpred.mapping.geometry import FloatArray
 
 OXTS_FIELDS = 30
+# Fields of a packet, and what they can be; nobody drives where Mercator's projection ends.
+RANGES = (
+    ("latitude", 0, 85.0, "degrees"),
+    ("longitude", 1, 180.0, "degrees"),
+    ("altitude", 2, 9000.0, "m"),
+    ("roll", 3, np.pi / 2, "radians"),
+    ("pitch", 4, np.pi / 2, "radians"),
+    ("yaw", 5, 2 * np.pi, "radians"),
+    ("velocity to the north", 6, 100.0, "m/s"),
+    ("velocity to the east", 7, 100.0, "m/s"),
+)
+NOWHERE = 1e-6  # degrees around latitude and longitude 0, which receivers write where they know no position
 
 
 def find(root: Path) -> list[Drive]:
@@ -42,7 +55,16 @@ class KittiDrive(Drive):
         return read_points(self._scans[k])
 
     def pose(self, k: int) -> FloatArray:
-        return self._packets[k]
+        return self._packets[k][0]
+
+    @property
+    def speeds(self) -> FloatArray:
+        return np.array([self._packets[k][1] for k in self.frames])
+
+    @property
+    def stamped_in(self) -> Path | str:
+        files = [self.folder / part / "timestamps.txt" for part in ("velodyne_points", "oxts")]
+        return next((file for file in files if file.is_file()), self.name)
 
     def time(self, k: int) -> float:
         return self._times[k] - self._times[self.frames[0]]
@@ -52,7 +74,7 @@ class KittiDrive(Drive):
         try:
             calibration = pykitti.utils.read_calib_file(file)
             rotation, translation = calibration["R"].reshape(3, 3), calibration["T"].reshape(3)
-            if not (np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-3) and np.isfinite(translation).all()):
+            if not (np.isfinite(rotation).all() and np.isfinite(translation).all()):
                 raise ValueError
         except OSError:
             raise UserError(
@@ -61,6 +83,7 @@ class KittiDrive(Drive):
             ) from None
         except (KeyError, ValueError, AttributeError):
             raise UserError(f"{file}: no rotation R and translation T of 9 and 3 numbers; copy it again") from None
+        check_rotation(file, rotation)
         return np.linalg.inv(pykitti.utils.transform_from_rot_trans(rotation, translation))
 
     def image(self, k: int) -> Path | None:
@@ -75,15 +98,18 @@ class KittiDrive(Drive):
         return _numbered(self.folder / "velodyne_points" / "data", ".bin")
 
     @cached_property
-    def _packets(self) -> dict[int, FloatArray]:
-        """Pose of every OXTS packet by frame number; the origin is the drive's first packet."""
+    def _packets(self) -> dict[int, tuple[FloatArray, float]]:
+        """Pose and speed (m/s) of every OXTS packet by frame number; the origin is the drive's first packet."""
         files = _numbered(self.folder / "oxts" / "data", ".txt")
         if not files:
             raise UserError(f"{self.folder / 'oxts' / 'data'}: no OXTS packets; unpack the drive's oxts folder there")
         for file in files.values():
             _check_packet(file)
         packets = pykitti.utils.load_oxts_packets_and_poses(list(files.values()))
-        return {k: packet.T_w_imu for k, packet in zip(files, packets, strict=True)}
+        return {
+            k: (data.T_w_imu, float(np.hypot(data.packet.vn, data.packet.ve)))
+            for k, data in zip(files, packets, strict=True)
+        }
 
     @cached_property
     def _times(self) -> dict[int, float]:
@@ -111,6 +137,17 @@ def _check_packet(file: Path) -> None:
         raise UserError(
             f"{file}: an OXTS packet has {OXTS_FIELDS} numbers, this one {len(fields)} fields (or some that are none); "
             "copy it again, or delete it to leave a gap in the drive"
+        )
+    for name, field, limit, unit in RANGES:
+        if abs(numbers[field]) > limit:
+            raise UserError(
+                f"{file}: a {name} of {numbers[field]:.6g} is beyond {limit:.4g} {unit}; copy it again, or delete it "
+                "to leave a gap in the drive"
+            )
+    if np.abs(numbers[:2]).max() < NOWHERE:
+        raise UserError(
+            f"{file}: latitude 0 and longitude 0 are no position; delete the packets without one, to leave gaps in the "
+            "drive"
         )
 
 

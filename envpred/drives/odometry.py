@@ -13,6 +13,7 @@ import pykitti.utils
 from numpy.typing import NDArray
 
 from envpred.drives.drive import Drive, read_points
+from envpred.drives.plausible import check_rotation
 from envpred.errors import UserError
 from envpred.mapping.geometry import PAPER_SENSOR_OFFSET, FloatArray
 
@@ -45,6 +46,11 @@ class OdometryDrive(Drive):
     def time(self, k: int) -> float:
         return float(self._times[k] - self._times[self.frames[0]])
 
+    @property
+    def stamped_in(self) -> Path | str:
+        file = self.folder / "times.txt"
+        return file if file.is_file() else self.name
+
     def image(self, k: int) -> Path | None:
         file = self.folder / "image_2" / f"{k:06d}.png"
         return file if file.is_file() else None
@@ -60,6 +66,7 @@ class OdometryDrive(Drive):
             raise UserError(f"{calibration}: missing; unpack the calibration of the odometry data there") from None
         except (KeyError, ValueError, AttributeError):
             raise UserError(f"{calibration}: no line `Tr:` with 12 numbers; copy it again") from None
+        check_rotation(calibration, velodyne_to_camera[:3, :3])
         try:
             camera: FloatArray = np.loadtxt(poses, ndmin=2).reshape(-1, 3, 4)
             if not np.isfinite(camera).all():

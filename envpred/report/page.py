@@ -136,6 +136,7 @@ def _data(run: Run) -> str:
         **({"cells": f"{data['resolution']:.3g} m wide"} if "resolution" in data else {}),
         "split": str(data.get("split")),
         "hash of the grids": str(data.get("store_hash")),
+        **{f"warnings about {drive}": "; ".join(lines) for drive, lines in data.get("warnings", {}).items()},
     }
     items = "".join(f"<dt>{html.escape(key)}</dt><dd>{html.escape(value)}</dd>" for key, value in facts.items())
     return f"<dl>{items}</dl>"

@@ -159,6 +159,11 @@ class StoredDrive:
         return [(first, length) for first, length in self.manifest["stretches"]]
 
     @property
+    def warnings(self) -> list[str]:
+        """What was odd about its recording when it was mapped, a line each."""
+        return cast(list[str], self.manifest.get("warnings", []))
+
+    @property
     def origin(self) -> NDArray[np.float64]:
         """World position (2,) of lattice cell (0, 0), in metres."""
         return np.array(self.manifest["lattice"]["origin"], np.float64)

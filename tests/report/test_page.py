@@ -13,6 +13,7 @@ from PIL import Image
 from envpred.report import report
 from envpred.report.pictures import compared_scenes
 from envpred.report.runs import read_runs
+from tests.report.conftest import MakeRun
 
 BROWSER = shutil.which("chromium") or shutil.which("google-chrome")
 FLAGS = [
@@ -122,3 +123,10 @@ def test_one_baseline_alone_makes_a_report(all_runs: list[Path], tmp_path: Path)
     text = report([fcn], tmp_path / "out").read_text()
     assert "fcn (prob_dogma)" in text
     assert not (tmp_path / "out" / "table_1.md").exists()
+
+
+def test_what_was_odd_about_the_drives_stands_on_the_page(make_run: MakeRun, tmp_path: Path) -> None:
+    odd = {"a": ["timestamps.txt: frames <1 s> apart"]}
+    run = make_run(change=lambda record: record["data"].update(warnings=odd))
+    text = report([run], tmp_path / "out").read_text()
+    assert "warnings about a</dt><dd>timestamps.txt: frames &lt;1 s&gt; apart" in text
