@@ -10,7 +10,6 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, ClassVar, cast
 
 import torch
-from lightning.pytorch import LightningModule
 from lightning.pytorch.callbacks import Callback, ModelCheckpoint
 from torch.utils.flop_counter import FlopCounterMode
 from torchmetrics import MetricCollection
@@ -27,9 +26,10 @@ from envpred.metrics.horizon_mse import HorizonMSE
 from envpred.metrics.windows import PerHorizon, WindowMetric
 from envpred.models.checkpoints import check_grids, keep_own_files, trust_no_path
 from envpred.models.kinds import kinds_of
+from envpred.models.numbers import NumberedLoss, as_asked, check_forecast, check_metrics
 
 
-class Forecaster(LightningModule):
+class Forecaster(NumberedLoss):
     """A model of the probability of occupied in the frames after those shown.
 
     Args:
@@ -134,18 +134,7 @@ class Forecaster(LightningModule):
         Raises:
             UserError: if it has other horizons, or other cells than what is seen.
         """
-        forecast = self.forecast(seen, horizons)
-        windows, _, height, width = seen["occupancy"].shape
-        asked = (windows, horizons, height, width)
-        if tuple(forecast.probability.shape) != asked:
-            raise UserError(
-                f"{type(self).__name__} forecast {tuple(forecast.probability.shape)} where (windows, horizons, cells, "
-                f"cells) = {asked} was asked for; mend its `forecast`, or say how far it goes by `reachable`"
-            )
-        if forecast.samples is not None and forecast.samples[:, :1].shape != (windows, 1, *asked[1:]):
-            drawn, wanted = tuple(forecast.samples.shape), (windows, "K", *asked[1:])
-            raise UserError(f"{type(self).__name__} drew samples {drawn}, not {wanted}; mend its `forecast`")
-        return forecast
+        return as_asked(type(self).__name__, self.forecast(seen, horizons), seen, horizons)
 
     def see(self, mapper: Mapper, mapped: Sequence[Mapped]) -> Seen:
         """What this forecaster sees of the newest of the frames `mapped` by `mapper`, as a batch of one window.
@@ -179,6 +168,7 @@ class Forecaster(LightningModule):
         future, last = batch["future"], batch["seen"]["occupancy"][:, -1]
         assert future is not None  # only prediction goes without
         target = future["occupancy"]
+        check_forecast(type(self).__name__, batch, forecast.probability)
         wanted = any(isinstance(metric, WindowMetric) and metric.needs_cells for metric in self.scores.values())
         kinds = kinds_of(batch) if wanted else {}
         self.scores.update(forecast.probability, target, last, batch["index"], samples=forecast.samples, **kinds)
@@ -187,6 +177,7 @@ class Forecaster(LightningModule):
     def scored(self) -> dict[str, Any]:
         """Every metric over all windows counted, which are then forgotten; `static_mse` is the static baseline's."""
         found = self.scores.compute() | {"static_mse": self.static.compute()}
+        check_metrics(dict(self.scores.items()), found)
         self.scores.reset()
         self.static.reset()
         return found
@@ -232,8 +223,10 @@ class Forecaster(LightningModule):
 
     def predict_step(self, batch: WindowBatch, batch_index: int) -> Mapping[str, Any]:
         """The forecast (B, horizons, H, W) of a batch, and which windows it belongs to."""
+        forecast = self.forecast_checked(batch["seen"], self.dataset.horizons).probability
+        check_forecast(type(self).__name__, batch, forecast)
         return {
-            "forecast": self.forecast_checked(batch["seen"], self.dataset.horizons).probability,
+            "forecast": forecast,
             "drive": batch["drive"],
             "start": batch["start"],
             "index": batch["index"],
