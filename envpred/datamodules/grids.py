@@ -26,7 +26,7 @@ from envpred.datamodules.windows import (
 from envpred.errors import UserError
 from envpred.horizons import PERIOD
 from envpred.mapping.geometry import GridSpec
-from envpred.store import Store, StoredDrive, digest
+from envpred.store import MAPPING_ARRAYS, Store, StoredDrive, check_content, digest
 
 AHEAD = 1.5  # seconds that windows reach beyond the frames shown, unless another length is asked for
 
@@ -280,6 +280,7 @@ class GridDataModule(LightningDataModule):
             raise UserError(f"the split {self.split!r} leaves no drive to {part}; name some with {argument}")
         # What is read must be there, and made with what the store says; else a line names the command that mends it.
         Store(self.store).check([selection.drive.name for selection in selections], self._arrays())
+        check_content(self.store, [selection.drive for selection in selections], [*MAPPING_ARRAYS, *self._arrays()])
         if part == "train" or length < self.length:
             places = every_window(selections, length, self.stride)
         else:

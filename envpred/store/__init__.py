@@ -1,6 +1,7 @@
 """Grids on disk: a folder a drive, plain `.npy` files, and a manifest that is written last.
 
     store/store.json                 format, and for each group of arrays its parameters and their hash
+    store/.checked.json              which files were compared with their checksums, see `checked`
     store/<drive>/manifest.json      frames, stretches, lattice, group -> hash, array -> file, dtype, shape, ...
     store/<drive>/<array>.npy        (<array>.1.npy after the array was built again: the manifest knows)
 
@@ -10,6 +11,7 @@ built again, by one replaced manifest, which alone says what is valid.  So whate
 drive or none.
 """
 
+from envpred.store.checked import check_content
 from envpred.store.files import FORMAT, MANIFEST, digest
 from envpred.store.groups import GROUPS, MAPPING_ARRAYS
 from envpred.store.reading import Store, StoredDrive
@@ -24,6 +26,7 @@ __all__ = [
     "DriveWriter",
     "Store",
     "StoredDrive",
+    "check_content",
     "digest",
     "sweep",
 ]

@@ -226,17 +226,26 @@ class StoredDrive:
         Raises:
             UserError: naming the first file that does not fit the manifest.
         """
-        for name, entry in self.manifest["arrays"].items():
-            header = self.array(name).offset
-            checksum = 0
-            # Read, not mapped: pages of a mapped array would stay in memory while the next are looked at.
-            with (self.folder / entry["file"]).open("rb") as handle:
-                handle.seek(header)
-                while block := handle.read(1 << 20):
-                    checksum = zlib.crc32(block, checksum)
-            if checksum != entry["checksum"]:
-                file = self.folder / entry["file"]
-                raise UserError(f"{file}: its content has changed since it was built; {self._remedy}")
+        for name in self.manifest["arrays"]:
+            self.verify_array(name)
+
+    def verify_array(self, name: str) -> None:
+        """Read the array `name` and compare its checksum.
+
+        Raises:
+            UserError: if it does not fit the manifest.
+        """
+        entry = self.manifest["arrays"][name]
+        header = self.array(name).offset
+        checksum = 0
+        # Read, not mapped: pages of a mapped array would stay in memory while the next are looked at.
+        with (self.folder / entry["file"]).open("rb") as handle:
+            handle.seek(header)
+            while block := handle.read(1 << 20):
+                checksum = zlib.crc32(block, checksum)
+        if checksum != entry["checksum"]:
+            file = self.folder / entry["file"]
+            raise UserError(f"{file}: its content has changed since it was built; {self._remedy}")
 
     @property
     def _remedy(self) -> str:
