@@ -9,7 +9,7 @@ if [ -n "${KITTI:-}" ]; then
 else
   cd "$DEMO"
   drives=drives
-  [ -d drives ] || envpred simulate drives --drives 10 --frames 120 --seed 0
+  envpred simulate drives --drives 10 --frames 120 --seed 0
 fi
 envpred grids --source "$drives" --store grids --context 256 --particle_forecast all
 

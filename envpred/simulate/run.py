@@ -1,32 +1,42 @@
 """`simulate`: many drives at once, each finished or not there at all."""
 
 import errno
-import multiprocessing
+import functools
+import hashlib
+import json
 import shutil
-import sys
-import time
-from collections.abc import Iterator
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from importlib import resources
-from multiprocessing.sharedctypes import Synchronized
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+from filelock import FileLock, Timeout
 
-from envpred.build.executors import available_cores
+from envpred.build.jobs import run_jobs, say
 from envpred.errors import UserError
 from envpred.simulate import scene as scenes
 from envpred.simulate.lidar import HDL64E
 from envpred.simulate.traffic import Recording
 from envpred.simulate.writer import DATE, drive_name, write_calibration, write_drive
+from envpred.store.files import write_json
 
 _SLOWEST, _FASTEST = 3.0, 12.5  # m/s: mean speeds that egos are looked for at
 _GOLDEN = (5**0.5 - 1) / 2
 _SCAN_BYTES = 2_600_000  # a scan with its labels on disk
 
-_scans_done: "Synchronized[int] | None" = None
+ASKED = "simulated.json"  # what all drives of a folder are made from
+LOCK = ".lock"
+
+
+@dataclass
+class Planned:
+    """A drive that is to be simulated."""
+
+    number: int
+    name: str
+    frames: list[int]
 
 
 def builtin_recording() -> Path:
@@ -45,10 +55,10 @@ def simulate(
     """Writes simulated drives in KITTI raw's layout to `out`/<date>/<date>_drive_<number>_sync.
 
     A drive depends on `seed`, its number, `frames` and the recording alone, not on `drives` or `workers`.  It is
-    written beside its place and moved there when it is whole.
+    written beside its place and moved there when it is whole; the same command makes those that are not there yet.
 
     Args:
-        out: folder that is not there yet, or is empty.
+        out: folder that is not there yet, is empty, or holds drives that were simulated alike.
         drives: number of drives.
         frames: scans a drive, at 10 Hz.
         seed: egos, times, towns and street furniture follow from it.
@@ -56,30 +66,72 @@ def simulate(
         recording: traffic of `record.record`; by default the one that comes with the package.
 
     Raises:
-        UserError: if a number makes no sense, `out` holds something, the recording is unknown or too short, or the
-            disk is full.
+        UserError: if a number makes no sense, `out` holds something else or is being written, the recording is unknown
+            or too short, or the disk is full.
     """
     out = Path(out)
-    processes = _check(out, drives, frames, seed, workers)
+    _check(drives, frames, seed, workers)
     source = recording or builtin_recording()
     towns = _able_towns(Recording.load(source), frames)
+    asked = {"frames": frames, "seed": seed, "recording": hashlib.sha256(source.read_bytes()).hexdigest()[:16]}
+    _check_folder(out, asked)
     day = out / DATE
-    _check_disk(out, drives * frames * _SCAN_BYTES)
-    with _one_line_for_disk_errors(out):
+    planned = [Planned(k, drive_name(k), list(range(frames))) for k in range(1, drives + 1)]
+    todo = [drive for drive in planned if not (day / drive.name).exists()]
+    _check_disk(out, len(todo) * frames * _SCAN_BYTES)
+    with _one_line_for_disk_errors(out), _alone(out):
+        _check_folder(out, asked)
+        if not (out / ASKED).exists():
+            write_json(out / ASKED, asked)
         write_calibration(day)
-    context = multiprocessing.get_context("spawn")
-    counter = context.Value("q", 0)
-    with ProcessPoolExecutor(min(processes, drives), context, _start, (counter,)) as pool:
-        jobs = {pool.submit(_drive, day, number, frames, seed, source, towns) for number in range(1, drives + 1)}
+        _clear(day)
+        if len(todo) < drives:
+            say(f"{len(todo)} drives to simulate, {drives - len(todo)} of {drives} in {out} already")
+        job = functools.partial(_attempt, day=day, seed=seed, source=source, towns=towns)
         try:
-            _watch(jobs, counter, drives, frames)
-        except BaseException:
-            pool.shutdown(cancel_futures=True)
-            raise
+            run_jobs(job, todo, "simulating", workers, None)
+        finally:
+            _clear(day)  # what workers had begun when they were ended
     print(f"simulated {drives} drives of {frames} scans (seed {seed}) in {day}")
 
 
-def _check(out: Path, drives: int, frames: int, seed: int, workers: int | None) -> int:
+def _check_folder(out: Path, asked: dict[str, object]) -> None:
+    """Refuse a folder that holds something else than drives that were simulated as they are `asked` for."""
+    if not out.exists() or (out.is_dir() and not any(file.name != LOCK for file in out.iterdir())):
+        return
+    try:
+        told = json.loads((out / ASKED).read_text())
+    except (OSError, ValueError):
+        raise UserError(f"{out} holds something already: give a folder that is not there yet, or empty it") from None
+    if told != asked:
+        differs = [
+            f"{name} {told.get(name)} there, {value} asked" for name, value in asked.items() if told.get(name) != value
+        ]
+        raise UserError(f"{out}: its drives were simulated otherwise ({', '.join(differs)}); give another folder")
+
+
+@contextmanager
+def _alone(out: Path) -> Iterator[None]:
+    """Nobody else simulates into `out` meanwhile; the lock goes with the process, however that ends."""
+    out.mkdir(parents=True, exist_ok=True)
+    lock = FileLock(out / LOCK, timeout=0)
+    try:
+        lock.acquire()
+    except Timeout:
+        raise UserError(f"{out}: another process simulates into it; wait for it, or give another folder") from None
+    try:
+        yield
+    finally:
+        lock.release()
+
+
+def _clear(day: Path) -> None:
+    """Remove what a killed run had begun; its names are ours."""
+    for unfinished in day.glob(f".{DATE}_drive_*_sync.unfinished"):
+        shutil.rmtree(unfinished, ignore_errors=True)
+
+
+def _check(drives: int, frames: int, seed: int, workers: int | None) -> None:
     for name, value, least in (("--drives", drives, 1), ("--frames", frames, 2), ("--seed", seed, 0)):
         if value < least:
             raise UserError(f"{name} {value}: give at least {least}")
@@ -87,9 +139,6 @@ def _check(out: Path, drives: int, frames: int, seed: int, workers: int | None) 
         raise UserError(f"--drives {drives}: KITTI's names have four digits, so 9999 at most")
     if workers is not None and workers < 1:
         raise UserError(f"--workers {workers}: give at least 1, or leave it out for one a core")
-    if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        raise UserError(f"{out} holds something already: give a folder that is not there yet, or empty it")
-    return workers or available_cores()
 
 
 def _able_towns(recording: Recording, frames: int) -> list[int]:
@@ -126,12 +175,26 @@ def _one_line_for_disk_errors(place: Path) -> Iterator[None]:
         raise UserError(f"{place}: cannot be written ({error.strerror or error}); give another folder") from None
 
 
-def _start(counter: "Synchronized[int]") -> None:
-    global _scans_done  # noqa: PLW0603 - a worker's only way to keep what its initializer gets
-    _scans_done = counter
+def _attempt(
+    drive: Planned, on_frame: Callable[[], None], *, day: Path, seed: int, source: Path, towns: list[int]
+) -> str | None:
+    """Simulate one drive; a failure that the user can mend comes back as its line, so that other drives go on."""
+    try:
+        _drive(day, drive.number, len(drive.frames), seed, source, towns, on_frame)
+    except UserError as error:
+        return str(error)
+    return None
 
 
-def _drive(day: Path, number: int, frames: int, seed: int, source: Path, towns: list[int]) -> None:
+def _drive(
+    day: Path,
+    number: int,
+    frames: int,
+    seed: int,
+    source: Path,
+    towns: list[int],
+    on_frame: Callable[[], None] = lambda: None,
+) -> None:
     """Builds, casts and writes one drive."""
     rng = np.random.default_rng([seed, number])
     # Every block of as many drives as there are towns visits each town once, in an order of its own.
@@ -148,27 +211,8 @@ def _drive(day: Path, number: int, frames: int, seed: int, source: Path, towns: 
         shutil.rmtree(unfinished, ignore_errors=True)
         try:
             for _ in write_drive(unfinished, scene, HDL64E(), number, rng):
-                if _scans_done is not None:
-                    with _scans_done.get_lock():
-                        _scans_done.value += 1
+                on_frame()
             unfinished.rename(final)
         except BaseException:
             shutil.rmtree(unfinished, ignore_errors=True)
             raise
-
-
-def _watch(jobs: set[Future[None]], counter: Any, drives: int, frames: int) -> None:
-    """Shows progress until all jobs are done; raises what one of them raised."""
-    start, total, finished = time.monotonic(), drives * frames, 0
-    while jobs:
-        done, jobs = wait(jobs, timeout=1.0, return_when=FIRST_COMPLETED)
-        for job in done:
-            job.result()
-        finished += len(done)
-        rate = counter.value / (time.monotonic() - start)
-        left = (total - counter.value) / rate if rate else float("nan")
-        line = f"drives {finished}/{drives}, scans {counter.value}/{total}, {rate:.1f} scans/s, {left:.0f} s left"
-        if sys.stderr.isatty():
-            print(f"\r{line}   ", end="" if jobs else "\n", file=sys.stderr, flush=True)
-        elif done:
-            print(line, file=sys.stderr, flush=True)
