@@ -120,8 +120,8 @@ def test_fewer_workers_where_one_was_killed(tmp_path: Path) -> None:
     with pytest.raises(UserError, match="killed from outside") as failure:
         kill_once_it_counts()
     ((option,),) = remedy(failure.value)
-    builds.write_long_drive(tmp_path, "0001", 10)
-    main([*builds.command(tmp_path, tmp_path / "grids")[3:], f"{option}=1"])
+    builds.write_long_drive(tmp_path / "drives", "0001", 10)
+    main([*builds.command(tmp_path / "drives", tmp_path / "grids")[3:], f"{option}=1"])
     assert len(builds.all_valid(tmp_path / "grids")) == 1
 
 

@@ -83,7 +83,7 @@ def start(*_: object) -> NoReturn:
 
 def test_a_longer_recording_and_fewer_drives(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """What is asked for when a recording is too short, or the disk too small."""
-    monkeypatch.setattr(run, "ProcessPoolExecutor", start)
+    monkeypatch.setattr(run, "run_jobs", start)
     short = Recording.load(builtin_recording())
     tracks = [replace(track, places=track.places[:5]) for track in short.networks[0].tracks]
     Recording(short.interval, short.seconds, [replace(short.networks[0], tracks=tracks)]).save(tmp_path / "short.npz")

@@ -40,7 +40,7 @@ def test_two_at_once_with_their_share_of_the_cores(tmp_path: Path, monkeypatch: 
 
 def test_a_test_that_leaves_no_result_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Job, "_call", lambda *_: None)
-    (job,) = jobs(tmp_path, "a")
+    job = Job(Run("a", (), "main", (), trains=False), {}, tmp_path / "a")
     with pytest.raises(UserError, match=rf"{job.folder}: `envpred test` left no result\.json; see test\.log there"):
         job.do()
 
