@@ -14,6 +14,8 @@ from envpred.build.grids import build
 from envpred.errors import UserError
 from tests.build import builds
 
+pytestmark = pytest.mark.slow
+
 distributed = pytest.importorskip("distributed", reason="needs Dask: pip install 'envpred[cluster]'")
 
 

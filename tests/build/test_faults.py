@@ -20,6 +20,8 @@ from envpred.store import Store
 from tests.build import builds
 from tests.remedies import remedy
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def source(tmp_path_factory: pytest.TempPathFactory) -> Path:

@@ -154,6 +154,7 @@ def epochs(folder: Path) -> list[int]:
     return [found["epoch"] for found in read_validations(folder).validations]
 
 
+@pytest.mark.slow
 def test_a_killed_run_leaves_its_validations_and_tells_each_once(store: Path, tmp_path: Path) -> None:
     run = tmp_path / "run"
     args = command(store, run, "--model.t5_epochs=300")

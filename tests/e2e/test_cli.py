@@ -33,8 +33,8 @@ def _pairs() -> list[Any]:
 
 
 def _is_slow(model: Path) -> bool:
-    """VGG-16 in full writes checkpoints of 1.6 GB; the quick models are others with other numbers."""
-    return model.stem in ("fcn", "corrected_rollout") or model.stem.startswith("prednet_quick")
+    """VGG-16 in full writes checkpoints of 1.6 GB; the big and the quick models are others with other numbers."""
+    return model.stem in ("fcn", "prednet", "corrected_rollout") or model.stem.startswith("prednet_quick")
 
 
 PAIRS = _pairs()

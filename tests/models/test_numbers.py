@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 
 from envpred.callbacks import ResultWriter
+from envpred.cli import main
 from envpred.datamodules import Forecast, Seen, WindowBatch
 from envpred.errors import UserError
 from envpred.metrics.windows import HorizonMetric
@@ -17,6 +18,7 @@ from envpred.models.numbers import check_forecast
 from envpred.results.result import RESULT
 from envpred.store import Store
 from tests.models.trainers import grids, prednet, trainer
+from tests.remedies import refusal, remedy
 from tests.store.stores import write_store
 
 
@@ -36,6 +38,17 @@ def test_a_forecast(store: Path, tmp_path: Path, stage: str) -> None:
     assert not (tmp_path / RESULT).exists()
 
 
+def test_a_forecast_by_other_weights(store: Path, tmp_path: Path) -> None:
+    with pytest.raises(UserError, match="is not a number") as failure:
+        trainer(tmp_path).test(spoiled_network(), datamodule=grids(store))
+    ((option,),) = remedy(failure.value)
+    trained = trainer(tmp_path / "trained", max_epochs=1)
+    trained.fit(prednet(), datamodule=grids(store))
+    (file, *_) = (tmp_path / "trained").rglob("*.ckpt")
+    other = {option.removeprefix("--"): str(file)}
+    trainer(tmp_path / "tested").test(spoiled_network(), datamodule=grids(store), verbose=False, **other)  # type: ignore[arg-type]
+
+
 class Diverges(Forecaster):
     """Its loss is lost in its second step."""
 
@@ -52,8 +65,10 @@ class Diverges(Forecaster):
 
 def test_a_loss(store: Path, tmp_path: Path) -> None:
     run = trainer(tmp_path, max_epochs=2)
-    with pytest.raises(UserError, match="training loss is not a number, in epoch 0 at step 4 or up to"):
+    with pytest.raises(UserError, match="training loss is not a number, in epoch 0 at step 4 or up to") as failure:
         run.fit(Diverges(), datamodule=grids(store))
+    (verify,) = remedy(failure.value)
+    main([*verify, "--store", str(store)])
     assert not list(tmp_path.rglob("*.ckpt"))
 
 
@@ -66,8 +81,11 @@ def test_grids(tmp_path: Path) -> None:
     evidence[6, 0, 3, 4] = np.nan
     evidence.flush()
     batch = next(iter(module.test_dataloader()))
-    with pytest.raises(UserError, match="the targets hold what is not a number in the window of c from frame 0 on"):
+    where = "the targets hold what is not a number in the window of c from frame 0 on"
+    with pytest.raises(UserError, match=where) as failure:
         check_forecast("LastFrame", batch, torch.zeros(1, 5, 16, 16))
+    (verify,) = remedy(failure.value)
+    assert "c/evidence.npy: its content has changed" in refusal([*verify, "--store", str(store)])
 
 
 class Sometimes(HorizonMetric):
@@ -82,6 +100,8 @@ class Sometimes(HorizonMetric):
 def test_a_metric(store: Path, tmp_path: Path) -> None:
     run = trainer(tmp_path)
     run.callbacks = [ResultWriter(metrics=[Sometimes])]  # type: ignore[attr-defined]
-    with pytest.raises(UserError, match="metric sometimes is not a number 3 frames ahead in window 0;"):
+    with pytest.raises(UserError, match="metric sometimes is not a number 3 frames ahead in window 0;") as failure:
         run.test(LastFrame(given=3), datamodule=grids(store, test=["c"]), verbose=False)
+    (verify,) = remedy(failure.value)
+    main([*verify, "--store", str(store)])
     assert not (tmp_path / RESULT).exists()

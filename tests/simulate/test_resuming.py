@@ -15,6 +15,8 @@ from envpred.simulate.run import LOCK, simulate
 from envpred.simulate.writer import DATE, drive_name
 from tests.build import builds
 
+pytestmark = pytest.mark.slow
+
 DRIVES, FRAMES = 2, 8
 
 

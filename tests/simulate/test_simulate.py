@@ -194,6 +194,7 @@ def test_free_cells_hold_no_object(drives: list[KittiDrive]) -> None:
         assert (grid == FREE).mean() > 0.05
 
 
+@pytest.mark.slow
 def test_same_seed_same_bits_however_many_processes_and_drives(drives: list[KittiDrive], tmp_path: Path) -> None:
     simulate(tmp_path / "again", drives=2, frames=FRAMES, seed=11, workers=2)
     for k in (1, 2):

@@ -13,6 +13,7 @@ import pytest
 from envpred.errors import UserError
 from envpred.store import MANIFEST, DriveWriter, Store, sweep, writing
 from envpred.store.parts import MARK, make_part
+from tests.remedies import remedy
 from tests.store.small import FRAMES, PARAMETERS, VELOCITY, label, write
 
 
@@ -198,8 +199,10 @@ def test_a_folder_that_is_no_drive_is_ignored_and_left_alone(store: Path) -> Non
     found = Store(store)
     assert list(found.drives) == ["a"]
     assert found.unfinished() == ["b"]
-    with pytest.raises(UserError, match=r"b: has no manifest.json, .* move it away"):
+    with pytest.raises(UserError, match=r"b: has no manifest.json, .* move it away") as failure:
         write(store, "b")
+    assert remedy(failure.value) == [["--store"]]
+    write(store.parent / "other", "b")
     assert (store / "b" / "label.npy").read_bytes() == b"a thesis"
     assert not list(store.glob(".part-*"))
     (store / "b").rename(store.parent / "away")

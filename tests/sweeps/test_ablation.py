@@ -44,6 +44,7 @@ def arguments(store: Path, out: Path, *more: str) -> list[str]:
     return [f"--store={store}", f"--out={out}", f"--config={SMALL}", *quick, *choice, *more]
 
 
+@pytest.mark.slow
 def test_from_the_plan_to_the_report_and_not_twice(
     tmp_path: Path, called: list[str], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -117,6 +118,7 @@ def test_the_rollouts_rows_and_the_fixed_frame(
     assert called == []
 
 
+@pytest.mark.slow
 def test_results_of_other_grids_are_made_anew(tmp_path: Path, called: list[str]) -> None:
     args = ["--variants=[prob_static]", "--switches=[]", "--model.t5_epochs=0"]
     for seed in (0, 5):

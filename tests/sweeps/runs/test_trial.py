@@ -63,6 +63,7 @@ def test_epochs_are_those_of_all_stages_at_most_the_trainers(fit: FitArguments) 
     assert epochs_of(fit.complete({"model.t5_epochs": 5, "trainer.max_epochs": -1})) == 6
 
 
+@pytest.mark.slow
 def test_a_real_run_is_read_right(fit: FitArguments, tmp_path: Path) -> None:
     """Its score is the error of the best checkpoint, validated once more."""
     arguments = {"model.channels": [4], "data.samples": 2, "model.t5_lr": 0.02, "model.t5_epochs": 3}

@@ -158,6 +158,7 @@ def test_another_ground_segmentation_is_all_that_differs(tmp_path: Path) -> None
     assert not any(option.startswith(("--ground.", "--particles", "--dogma")) for option in options)
 
 
+@pytest.mark.slow
 def test_another_filter_is_all_that_differs(tmp_path: Path) -> None:
     main = write_store(tmp_path / "main", {"a": list(range(6)), "b": [*range(3), *range(5, 9)]})
     build_dogma(main, DogmaParameters(ParticleFilterParameters(2000, 200, birth=0.03), tau=5), workers=1)
@@ -203,6 +204,7 @@ def test_the_rollout_uses_the_store_if_it_has_what_it_needs(tmp_path: Path) -> N
     stores.check(ROLLOUT, narrow, tmp_path, False)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dogma", [False, True])
 def test_the_rollouts_store_has_the_same_grids_and_ground_velocities(tmp_path: Path, dogma: bool) -> None:
     main = write_store(tmp_path / "main", {"a": list(range(5)), "b": [*range(3), *range(5, 8)]}, context=32)
