@@ -60,7 +60,7 @@ def test_workers_share_a_study_and_end_with_their_parent(store: Path, space_file
     command = start("tests.sweeps.stub", args, STUB_SECONDS="60")
     interrupted, said = ended(command, folder, signal.SIGINT)
     assert command.returncode == 130
-    assert said.splitlines()[-1] == "sweeps.tune: interrupted; run the same command again to go on"
+    assert said.splitlines()[-1] == "envpred tune: interrupted; run the same command again to go on"
     assert said.count("sweeps.tune: ") == 1
     assert "Traceback" not in said
     command = start("tests.sweeps.stub", args, STUB_SECONDS="60")
