@@ -81,10 +81,8 @@ def test_a_wheel_holds_one_package_with_everything_that_it_reads(wheel: Path) ->
 def test_the_command_and_its_sweeps_are_found_from_anywhere(installed: Path, foreign: Path) -> None:
     python = installed / "python"
     assert envpred.__version__ in said(installed / "envpred", "--version", cwd=foreign)
-    for command in ("tune", "ablation"):
-        assert f"usage: python -m envpred.sweeps.{command} " in said(
-            python, "-m", f"envpred.sweeps.{command}", "--help", cwd=foreign
-        )
+    for name, command in (("tune", "tune"), ("ablation", "ablate")):
+        assert f"usage: envpred {command} " in said(python, "-m", f"envpred.sweeps.{name}", "--help", cwd=foreign)
     found = "from envpred.cli.sweeps import module; print(module('tune').__name__, module('ablation').__file__)"
     name, file = said(python, "-c", found, cwd=foreign).split()
     assert name == "envpred.sweeps.tune"
