@@ -1,7 +1,8 @@
 """The one kind of failure that a user can mend: one line that names the file and the remedy."""
 
 import contextlib
-from collections.abc import Iterator
+import difflib
+from collections.abc import Iterable, Iterator
 
 
 class UserError(Exception):
@@ -20,3 +21,8 @@ def as_raised() -> Iterator[None]:
         if cause is None:
             raise
         raise cause from None
+
+
+def nearest(name: str, names: Iterable[str], alike: float = 0.5) -> str | None:
+    """The one of `names` that somebody who wrote `name` may have meant; None if none is `alike` (0 to 1) enough."""
+    return next(iter(difflib.get_close_matches(name, list(names), 1, alike)), None)

@@ -3,14 +3,13 @@
 Validate, test and predict take the same ones, so what is read here holds for them, too.
 """
 
-import difflib
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import yaml
 
 from envpred.cli.lightning import EnvpredCLI, as_parsed, lightning
-from envpred.errors import UserError
+from envpred.errors import UserError, nearest
 from envpred.store.files import flat
 
 # First parts of the names of its options: each is the name itself, or starts with it and a dot.
@@ -75,8 +74,8 @@ class FitArguments:
         """
         for name in names:
             if _without_init_args(name) not in self.values:
-                near = difflib.get_close_matches(name, self.values, 1, 0.5)
-                hint = f"; did you mean {near[0]}?" if near else "; `envpred fit --print_config` lists them all"
+                near = nearest(name, self.values)
+                hint = f"; did you mean {near}?" if near else "; `envpred fit --print_config` lists them all"
                 raise UserError(f"{where}: `envpred fit` takes no argument {name} with this model{hint}")
 
 

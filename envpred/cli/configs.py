@@ -8,8 +8,8 @@ from typing import Any
 import yaml
 from lightning.pytorch import Trainer
 
-SUBCOMMANDS = ("fit", "validate", "test", "predict")
-OPTIONS = ("-c", "--config")
+from envpred.cli.registry import LIGHTNING
+from envpred.cli.tokens import CONFIG
 
 
 def portable(args: list[str]) -> list[str]:
@@ -18,7 +18,7 @@ def portable(args: list[str]) -> list[str]:
     A run saves its whole configuration, with what Trainer.test or Trainer.predict alone takes.  The checkpoint that was
     tested goes along to every subcommand but `fit`, which would go on training it.
     """
-    if not args or args[0] not in SUBCOMMANDS:
+    if not args or args[0] not in LIGHTNING:
         return args
     return [args[0], *(_portable(token, args[0]) if is_file else token for token, is_file in _tokens(args[1:]))]
 
@@ -27,7 +27,7 @@ def _tokens(args: list[str]) -> Iterator[tuple[str, bool]]:
     """The tokens of a command line, and whether each is, or ends in, the name of a configuration."""
     before = ""
     for token in args:
-        yield token, before in OPTIONS or token.startswith("--config=")
+        yield token, before in CONFIG or token.startswith("--config=")
         before = token
 
 
@@ -54,7 +54,7 @@ def _taken(subcommand: str) -> set[str]:
 
 
 def _taken_by_any() -> set[str]:
-    return set().union(*map(_taken, SUBCOMMANDS))
+    return set().union(*map(_taken, LIGHTNING))
 
 
 def _saved_by_another(content: dict[str, Any]) -> bool:

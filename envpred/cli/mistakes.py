@@ -1,8 +1,7 @@
 """What a parser says of a mistake, as one line that names the option, and the nearest right one."""
 
-import difflib
 import re
-from collections.abc import Collection, Sequence
+from collections.abc import Iterable
 from typing import Any
 
 from jsonargparse import ArgumentParser
@@ -10,7 +9,7 @@ from jsonargparse import ArgumentParser
 from envpred.cli.help import MODELS, known
 from envpred.cli.registry import COMMANDS, LIGHTNING
 from envpred.cli.signatures import exported, options
-from envpred.errors import UserError
+from envpred.errors import UserError, nearest
 
 OTHER = re.compile(r"unrecognized arguments: (.*)")
 NO_OPTION = re.compile(r"Problem with given class_path '([\w.]+)':\s+Option '(\w+)' is not accepted")
@@ -56,7 +55,7 @@ def explained(message: str, command: str) -> str:
 def _other(found: re.Match[str], command: str) -> str:
     token = found[1].split()[0].split("=")[0]
     kind = "option" if token.startswith("-") else "argument"
-    hint = nearest(token.lstrip("-"), known(command), "--") or _listed(command)
+    hint = meant(token.lstrip("-"), known(command), "--") or _listed(command)
     return f"there is no {kind} {token}{hint}"
 
 
@@ -64,13 +63,13 @@ def _no_option(found: re.Match[str], command: str) -> str:
     of_class = found[1].rsplit(".", 1)[-1]
     ours = exported(MODELS).get(of_class)
     names = [option.name for option in options(ours, "model.")] if ours else []
-    hint = nearest(f"model.{found[2]}", names, "--") or f"; `envpred {command} --model.help {of_class}` lists them"
+    hint = meant(f"model.{found[2]}", names, "--") or f"; `envpred {command} --model.help {of_class}` lists them"
     return f"{of_class} has no option {found[2]}{hint}"
 
 
 def _no_class(found: re.Match[str], command: str) -> str:
     given = found.string.rsplit("Given value: ", 1)[-1].strip()
-    hint = nearest(given, exported(MODELS)) or f"; `envpred {command} --model.help` lists ours"
+    hint = meant(given, exported(MODELS)) or f"; `envpred {command} --model.help` lists ours"
     return f"--model {given}: no forecaster of ours, nor a class in a file of the current folder{hint}"
 
 
@@ -89,14 +88,14 @@ def _of_key(found: re.Match[str], command: str) -> str:
 
 def no_command(name: str) -> str:
     """One line for a command that there is none of."""
-    hint = nearest(name, [*LIGHTNING, *COMMANDS])
+    hint = meant(name, [*LIGHTNING, *COMMANDS])
     return f"there is no command {name}{hint or '; `envpred --help` lists them'}"
 
 
-def nearest(name: str, names: Collection[str] | Sequence[str], dashes: str = "") -> str:
+def meant(name: str, names: Iterable[str], dashes: str = "") -> str:
     """The end of a line that names the nearest of `names`; empty if none is near."""
-    near = difflib.get_close_matches(name, list(names), 1, 0.6)
-    return f"; did you mean {dashes}{near[0]}?" if near else ""
+    near = nearest(name, names, 0.6)
+    return f"; did you mean {dashes}{near}?" if near else ""
 
 
 def _listed(command: str) -> str:

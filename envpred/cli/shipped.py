@@ -1,13 +1,12 @@
 """Files that ship with envpred: configurations, presets and search spaces, found by short names in a checkout and in an
 installed package alike."""
 
-import difflib
 import re
 from collections.abc import Sequence
 from pathlib import Path
 
 import envpred
-from envpred.errors import UserError
+from envpred.errors import UserError, nearest
 
 PACKAGE = Path(envpred.__file__).parent
 # What ships, by its kind: where it lies beside or in the package, and which commands take it.
@@ -48,8 +47,8 @@ def find(name: str, kinds: Sequence[str], option: str = "--config", beside: Path
     known = {short: path for kind in reversed(kinds) for short, path in names(kind).items()}
     if name in known:
         return known[name]
-    near = difflib.get_close_matches(Path(name).stem, known, 1, 0.5)
-    hint = f"did you mean {near[0]}?" if near else f"there are {', '.join(known)}"
+    near = nearest(Path(name).stem, known)
+    hint = f"did you mean {near}?" if near else f"there are {', '.join(known)}"
     raise UserError(f"{option} {name}: no such file, and none of this name ships; {hint} (`envpred configs` lists all)")
 
 

@@ -11,7 +11,6 @@ A `list` is searched element by element, and `when` names values of arguments fu
 stays as the configuration has it.
 """
 
-import difflib
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -30,7 +29,7 @@ from optuna.distributions import (
 
 from envpred.cli.arguments import FitArguments
 from envpred.cli.shipped import COMPLETE, find
-from envpred.errors import UserError
+from envpred.errors import UserError, nearest
 from envpred.store import digest
 
 from ..runs.command import FIXED
@@ -230,8 +229,8 @@ def _entry(name: str, text: Any, earlier: list[str]) -> Entry:
         raise ValueError("`when` takes arguments with the values that they must have")
     for other in when:
         if other not in earlier:
-            near = difflib.get_close_matches(str(other), earlier, 1, 0.5)
-            hint = f"; did you mean {near[0]}?" if near else ""
+            near = nearest(str(other), earlier)
+            hint = f"; did you mean {near}?" if near else ""
             raise ValueError(f"`when` names {other}, which is not searched further up{hint}")
     return Entry(value, {k: v if isinstance(v, list) else [v] for k, v in when.items()})
 
@@ -261,8 +260,8 @@ def _check_keys(text: Any) -> None:
         raise ValueError(f"{text!r} is no range; give `low` and `high`, or `choices`")
     for key in text:
         if key not in KEYS:
-            near = difflib.get_close_matches(str(key), KEYS, 1, 0.5)
-            raise ValueError(f"unknown key {key!r}" + (f"; did you mean {near[0]}?" if near else f"; there are {KEYS}"))
+            near = nearest(str(key), KEYS)
+            raise ValueError(f"unknown key {key!r}" + (f"; did you mean {near}?" if near else f"; there are {KEYS}"))
 
 
 def _number(value: Any, kind: type[Any]) -> Any:
