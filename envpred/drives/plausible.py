@@ -130,9 +130,10 @@ def _of_stamps(drive: "Drive") -> list[str]:
         expected = ((stated[1:] + stated[:-1]) / 2 * steps)[next_to].sum()
         mean = float(expected / steps[next_to].sum())
         factor = float(moved / expected) if expected > 0 else 1.0
-        if mean >= SLOW and max(factor, 1 / max(factor, 1e-9)) > ODD_SPEED:
+        off = max(factor, 1 / max(factor, 1e-9))
+        if mean >= SLOW and off > ODD_SPEED:
             line = f"{stamps}: stamps and positions make {factor * mean:.3g} m/s, and the packets say {mean:.3g}"
-            if max(factor, 1 / max(factor, 1e-9)) > WRONG_SPEED:
+            if off > WRONG_SPEED:
                 raise UserError(f"{line}; mend the time stamps, which make {1 / period:.3g} scans a second")
             told.append(line)
     return told
