@@ -159,13 +159,13 @@ def _mark_occupied(grid, wide, rim, reach, points, obstacle, rotation, shift, bo
 @njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
 def _cast_rays(grid, x, y):  # type: ignore[no-untyped-def]
     """Free the cells between the sensor at (x, y), in cells, and the first occupied cell towards every border cell."""
-    H, W = grid.shape
+    (H, W), flat = grid.shape, grid.reshape(-1)
     for n in range(2 * (H + W) - 4):
         target_i, target_j = border_cell(n, H, W)
-        i, j, cells, step_i, step_j, cross_i, cross_j, per_i, per_j = first_cell(x, y, target_i, target_j)
+        cell, cells, step_i, step_j, lead, per_i, per_j = first_cell(x, y, target_i, target_j, H, W)
         for _ in range(cells):
-            if 0 <= i < H and 0 <= j < W:
-                if grid[i, j] == OCCUPIED:
-                    break
-                grid[i, j] = FREE
-            i, j, cross_i, cross_j = next_cell(i, j, step_i, step_j, cross_i, cross_j, per_i, per_j)
+            at = np.uint64(cell)  # unsigned: no index from the end to look for
+            if flat[at] == OCCUPIED:
+                break
+            flat[at] = FREE
+            cell, lead = next_cell(cell, step_i, step_j, lead, per_i, per_j)

@@ -112,17 +112,18 @@ def cast_rays(passed, opaque, x, y, least):  # type: ignore[no-untyped-def]
     """Transmittance of every cell, the largest over the rays from the sensor at (x, y), in cells, to the border."""
     H, W = opaque.shape
     passed[:] = 0
+    seen, stops = passed.reshape(-1), opaque.reshape(-1)
     for n in range(2 * (H + W) - 4):
         target_i, target_j = border_cell(n, H, W)
-        i, j, steps, step_i, step_j, cross_i, cross_j, per_i, per_j = first_cell(x, y, target_i, target_j)
+        cell, steps, step_i, step_j, lead, per_i, per_j = first_cell(x, y, target_i, target_j, H, W)
         through = np.float32(1)
         for _ in range(steps):
-            if 0 <= i < H and 0 <= j < W:
-                passed[i, j] = max(passed[i, j], through)
-                through *= np.float32(1) - opaque[i, j]
-                if through < least:
-                    break
-            i, j, cross_i, cross_j = next_cell(i, j, step_i, step_j, cross_i, cross_j, per_i, per_j)
+            at = np.uint64(cell)  # unsigned: no index from the end to look for
+            seen[at] = max(seen[at], through)
+            through *= np.float32(1) - stops[at]
+            if through < least:
+                break
+            cell, lead = next_cell(cell, step_i, step_j, lead, per_i, per_j)
 
 
 @njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]

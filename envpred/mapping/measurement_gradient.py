@@ -175,37 +175,39 @@ def _rays_back(by_hit, by_passed, rays, hit, opaque, x, y, least, clump):  # typ
     """
     H, W = opaque.shape
     zero, one = np.float32(0), np.float32(1)
-    taken, by_opaque = np.zeros((H, W), np.bool_), np.zeros((H, W), np.float32)
-    path, through_at = np.empty((2 * (H + W), 2), np.int64), np.empty(2 * (H + W), np.float32)
+    taken, by_opaque = np.zeros(H * W, np.bool_), np.zeros(H * W, np.float32)
+    path, through_at = np.empty(2 * (H + W), np.uint64), np.empty(2 * (H + W), np.float32)
+    seen, stops, by_seen = rays.reshape(-1), opaque.reshape(-1), by_passed.reshape(-1)
     for n in range(2 * (H + W) - 4):
         target_i, target_j = border_cell(n, H, W)
-        i, j, steps, step_i, step_j, cross_i, cross_j, per_i, per_j = first_cell(x, y, target_i, target_j)
+        cell, steps, step_i, step_j, lead, per_i, per_j = first_cell(x, y, target_i, target_j, H, W)
         through, count = one, 0
         for _ in range(steps):
-            if 0 <= i < H and 0 <= j < W:
-                path[count, 0], path[count, 1] = i, j
-                mine = through == rays[i, j] and not taken[i, j]
-                if mine:
-                    taken[i, j] = True
-                through_at[count] = through if mine else zero
-                count += 1
-                through *= one - opaque[i, j]
-                if through < least:
-                    break
-            i, j, cross_i, cross_j = next_cell(i, j, step_i, step_j, cross_i, cross_j, per_i, per_j)
+            at = np.uint64(cell)
+            path[count] = at
+            mine = through == seen[at] and not taken[at]
+            if mine:
+                taken[at] = True
+            through_at[count] = through if mine else zero
+            count += 1
+            through *= one - stops[at]
+            if through < least:
+                break
+            cell, lead = next_cell(cell, step_i, step_j, lead, per_i, per_j)
         behind = zero
         for k in range(count - 1, -1, -1):
-            u, v = path[k]
-            by_opaque[u, v] -= behind / max(one - opaque[u, v], np.float32(1e-3))
-            behind += through_at[k] * by_passed[u, v]
+            at = path[k]
+            by_opaque[at] -= behind / max(one - stops[at], np.float32(1e-3))
+            behind += through_at[k] * by_seen[at]
+    by_stop = by_opaque.reshape(H, W)
     for i in range(H):
         for j in range(W):
             q = hit[i, j]
             some = clump + (one - clump) * q
             if some > 0:
-                by_hit[i, j] += by_opaque[i, j] * q * (2 * some - q * (one - clump)) / (some * some)
+                by_hit[i, j] += by_stop[i, j] * q * (2 * some - q * (one - clump)) / (some * some)
             else:
-                by_hit[i, j] += by_opaque[i, j]
+                by_hit[i, j] += by_stop[i, j]
 
 
 @njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
