@@ -5,8 +5,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from lightning.pytorch import Trainer
 from lightning.pytorch.callbacks import ModelCheckpoint
+from numpy.typing import NDArray
 from torch import Tensor
 
 from envpred.callbacks.baselines import MOVED, moved_last_frame
@@ -56,42 +58,50 @@ def end_of_fit(trainer: Trainer) -> list[str]:
 def end_of_validation(trainer: Trainer, forecaster: Forecaster) -> list[str]:
     """A table of what was validated, beside both baselines."""
     moved = moved_last_frame(trainer)
-    return _table(forecaster, forecaster.validated, {} if moved is None else {MOVED_LAST_FRAME: moved})
+    return _table(forecaster, "val", forecaster.validated, {} if moved is None else {MOVED_LAST_FRAME: moved})
 
 
 def end_of_test(trainer: Trainer, forecaster: Forecaster) -> list[str]:
     """A table of what was tested, beside the static baseline."""
-    return _table(forecaster, forecaster.tested, {})
+    return _table(forecaster, "test", forecaster.tested, {})
 
 
-def _table(forecaster: Forecaster, found: Mapping[str, Any], beside: Mapping[str, PerHorizon]) -> list[str]:
+def _table(forecaster: Forecaster, part: str, found: Mapping[str, Any], beside: Mapping[str, PerHorizon]) -> list[str]:
     """Squared error at the shown horizons, and the skill against the static baseline.
 
     Args:
         forecaster: whose errors they are.
+        part: of the drives that was judged.
         found: its `mse` and the static baseline's `static_mse`.
         beside: errors of other methods on the same windows.
     """
-    from envpred.report.table import Cell  # the report brings along more than a run needs
+    # The report brings along more than a run needs.
+    from envpred.report.statistics import drive_errors, ratio_drive_errors
+    from envpred.report.table import Cell
 
     mse, static, data = found["mse"], found["static_mse"], forecaster.dataset
     steps = shown_steps(data.horizons, data.period)
+    places = data.datasets[part].places
+    drives = [places[n].drive.name for n in mse.index.tolist()]
 
-    def row(name: str, values: Tensor, errors: Tensor, about: About) -> list[str]:
-        both = [(about.factor * float(values[n - 1]), about.factor * float(errors[n - 1])) for n in steps]
-        return [name, *(Cell(value=value, error=error, digits=about.digits).plain() for value, error in both)]
+    def row(name: str, values: Tensor, errors: Tensor, by_drive: NDArray[np.float64], about: About) -> list[str]:
+        told = [[about.factor * float(numbers[n - 1]) for numbers in (values, errors, by_drive)] for n in steps]
+        return [name, *(Cell(value=v, error=e, drive_error=d, digits=about.digits).plain() for v, e, d in told)]
 
     name = short_name(type(forecaster).__name__)
     methods = {name: mse}
     if forecaster.role != "static":
         methods |= {STATIC_BASELINE: static, **beside}
     rows = [["", *(in_seconds(n * data.period) for n in steps)]]
-    rows += [row(name, e.mean, e.standard_error, e.about) for name, e in methods.items()]
+    for method, error in methods.items():
+        by_drive = drive_errors(error.per_window.numpy(), drives)
+        rows.append(row(method, error.mean, error.standard_error, by_drive, error.about))
     if forecaster.role != "static":
         skill = skill_against(mse, static)
-        rows.append(row("skill", skill.value, skill.standard_error, skill.about))
-    windows = len(mse.per_window)
-    return [f"{UNIT} ± standard error over {windows} windows; skill against the static baseline", *_aligned(rows)]
+        by_drive = ratio_drive_errors(mse.per_window.numpy(), static.per_window.numpy(), drives)
+        rows.append(row("skill", skill.value, skill.standard_error, by_drive, skill.about))
+    errors = f"± standard error over {len(set(drives))} drives (over {len(drives)} windows, as if independent)"
+    return [f"{UNIT} {errors}; skill against the static baseline", *_aligned(rows)]
 
 
 def _aligned(rows: Sequence[Sequence[str]]) -> list[str]:

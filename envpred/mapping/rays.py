@@ -5,11 +5,11 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-# Where a ray is and how it goes on: its cell, as the number that it has in the flat grid; cells to go; steps along either
-# axis in such numbers; and by how much of the line (0 at the sensor, 1 at the target) its next crossing of a side along
-# the first axis lies before (< 0) or behind that along the second.  This lead and what a crossing adds to it are counted
-# in whole 2^-56 parts of the line: a ray is one long chain of additions and comparisons, which take whole numbers a third
-# of the time.
+# Where a ray is and how it goes on: its cell, as the number that it has in the flat grid; cells to go; steps along
+# either axis in such numbers; and by how much of the line (0 at the sensor, 1 at the target) its next crossing of a
+# side along the first axis lies before (< 0) or behind that along the second. This lead and what a crossing adds to
+# it are counted in whole 2^-56 parts of the line: a ray is one long chain of additions and comparisons, which take
+# whole numbers a third of the time.
 _PARTS = 2.0**56
 _FAR = 4.0  # further than any crossing on the line
 

@@ -7,21 +7,22 @@ from envpred.pictures.animations import scene_animation
 from envpred.pictures.forecasts import scene_strip
 from envpred.pictures.grids import save
 from envpred.report.curves import error_curves, reliability_diagram
-from envpred.report.details import metric_tables, models_table, pairs_table
+from envpred.report.details import comparisons_table, metric_tables, models_table
 from envpred.report.how_sure import cells_table, how_sure_table
 from envpred.report.page import Picture, page, pictures_of
 from envpred.report.pictures import compared_scenes
 from envpred.report.ratios import moved_ratio_table, ratio_table
 from envpred.report.run import Run
 from envpred.report.runs import read_runs
-from envpred.report.tables import comparisons, methods, methods_table, published_table, shown_columns, variants_table
+from envpred.report.seeds import average_seeds, seeds_table
+from envpred.report.tables import comparisons, methods_table, published_table, variants_table
 from envpred.results.scenes import Scene
 
 PAGE = "report.html"
 
 
 CAPTIONS = {
-    "error": "Mean squared error over the horizon, bands of one standard error over windows. "
+    "error": "Mean squared error over the horizon, bands of one standard error over drives. "
     "The right half is what the paper published, on other drives.",
     "reliability": "Share of cells that were occupied over the probability forecast for them, in ten bins, over cells "
     "whose target has evidence. On the grey line a forecast means what it says.",
@@ -43,16 +44,19 @@ def report(runs: Sequence[Path], out: Path, same_inputs: bool = True) -> Path:
     """
     read = read_runs(runs, same_inputs)
     pictures, scenes = pictures_of(read), compared_scenes(read)
-    pairs = comparisons(methods(read), shown_columns(read[0]))
+    averaged = average_seeds(read)
+    compared = comparisons(averaged)
     tables = (
-        *(methods_table(read, pairs), variants_table(read), ratio_table(read), moved_ratio_table(read)),
-        *(how_sure_table(read), cells_table(read)),
+        *(methods_table(averaged, compared), variants_table(averaged, compared)),
+        *(ratio_table(averaged), moved_ratio_table(averaged), seeds_table(read)),
+        *([comparisons_table(averaged, compared)] if compared else []),
+        *(how_sure_table(averaged), cells_table(averaged)),
     )
     measured = [table for table in tables if table is not None]
-    appendix = [*metric_tables(read), *([pairs_table(read, pairs)] if pairs else []), models_table(read)]
+    appendix = [*metric_tables(averaged), models_table(read)]
     published = [published_table()]
-    figures = {"error": ("Error over the horizon", error_curves(read))}
-    reliability = reliability_diagram(read)
+    figures = {"error": ("Error over the horizon", error_curves(averaged))}
+    reliability = reliability_diagram(averaged)
     if reliability is not None:
         figures["reliability"] = ("Reliability", reliability)
 
@@ -62,11 +66,11 @@ def report(runs: Sequence[Path], out: Path, same_inputs: bool = True) -> Path:
         for ending, text in (("md", table.markdown()), ("csv", table.csv()), ("tex", table.latex())):
             (out / f"{table.name}.{ending}").write_text(text)
     curves = {}
-    for name, (heading, drawn) in figures.items():
-        save(drawn, out / f"{name}.pdf")
-        curves[heading] = Picture.read(save(drawn, out / f"{name}.png"), CAPTIONS[name])
-    compared = _compared(scenes, read, out)
-    (out / PAGE).write_text(page(read, measured, published, appendix, curves, compared, pictures))
+    for name, (heading, figure) in figures.items():
+        save(figure, out / f"{name}.pdf")
+        curves[heading] = Picture.read(save(figure, out / f"{name}.png"), CAPTIONS[name])
+    drawn = _compared(scenes, read, out)
+    (out / PAGE).write_text(page(read, measured, published, appendix, curves, drawn, pictures))
     return out / PAGE
 
 

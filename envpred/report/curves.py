@@ -11,7 +11,7 @@ from envpred.horizons import in_seconds
 from envpred.pictures.grids import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION, figure
 from envpred.report.published import CURVE_NAMES, SOURCE, STATIC, curves
 from envpred.report.run import FloatArray, Run
-from envpred.report.tables import FACTOR, UNIT, methods, shown_columns
+from envpred.report.tables import FACTOR, UNIT, measured_on, methods, shown_columns
 
 ORACLE = "oracle"
 COLOUR_OF = {
@@ -62,11 +62,14 @@ def error_curves(runs: Sequence[Run]) -> Figure:
     """MSE over the horizon with bands of one standard error: ours left, the published curves apart at the right."""
     fig = figure(11, 4.4)
     ours, theirs = fig.subplots(1, 2, sharex=True)
-    measured = {label: (runs[0].horizon_s, value.mean, value.standard_error) for label, value in methods(runs).items()}
+    measured = {
+        label: (runs[0].horizon_s, value.mean, value.standard_error if value.drive_error is None else value.drive_error)
+        for label, value in methods(runs).items()
+    }
     published = {CURVE_NAMES[name]: (c.horizon_s, c.mean, c.standard_error) for name, c in curves().items()}
     _bands(ours, measured, {STATIC: STATIC} | kinds(runs))
     _bands(theirs, published, {CURVE_NAMES[name]: KIND_OF_CURVE.get(name, name) for name in curves()})
-    ours.set_title(f"measured here, {len(runs[0].data['windows'])} windows", fontsize=10)
+    ours.set_title(f"measured here, {measured_on(runs[0])}", fontsize=10)
     theirs.set_title(SOURCE, fontsize=10)
     return fig
 

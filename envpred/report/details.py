@@ -1,4 +1,4 @@
-"""The tables behind the results: one for each further metric, the comparisons of all pairs, and what the runs were."""
+"""The tables behind the results: one for each further metric, the planned comparisons, and what the runs were."""
 
 import math
 from collections.abc import Sequence
@@ -9,16 +9,19 @@ from envpred.horizons import in_seconds
 from envpred.metrics.about import About
 from envpred.metrics.cells import KINDS, key_of
 from envpred.report.run import Measured, Run
-from envpred.report.statistics import Comparison
+from envpred.report.statistics import LEVEL, Comparison
 from envpred.report.table import Cell, Table
 from envpred.report.tables import (
     FACTOR,
-    LEVEL,
     MSE,
     STATIC_MSE,
     UNIT,
+    errors_note,
+    few_drives_note,
     heads,
     marked,
+    measured_cell,
+    measured_on,
     oracle_note,
     oracles,
     shown_columns,
@@ -53,43 +56,42 @@ def metric_tables(runs: Sequence[Run]) -> list[Table]:
                 rows += [[Cell(marked(run.label, read_future) + of), *_cells(run, run.metrics[part])] for run in found]
                 having += found
         if rows:
-            caption = f"Value ± standard error over the windows in which it is defined.{oracle_note(oracles(having))}"
+            caption = f"Value {errors_note(runs[0])} Undefined windows do not count.{oracle_note(oracles(having))}"
             title = heading(having[0].metrics[key].about)
             tables.append(Table(key, title, caption, ["method", *heads(runs[0])], rows))
     return tables
 
 
 def _cells(run: Run, measured: Measured) -> list[Cell]:
-    factor, digits = measured.about.factor, measured.about.digits
-    return [
-        Cell(value=factor * measured.mean[h], error=factor * measured.standard_error[h], digits=digits)
-        for h in shown_columns(run)
-    ]
+    return [measured_cell(measured, h) for h in shown_columns(run)]
 
 
-def pairs_table(runs: Sequence[Run], pairs: Sequence[Comparison]) -> Table:
-    """Every pair of methods at the shown horizons."""
-    horizon_s, read_future = runs[0].horizon_s, oracles(runs)
+def comparisons_table(runs: Sequence[Run], compared: Sequence[Comparison]) -> Table:
+    """The planned contrasts at the shown horizons."""
+    horizon_s = runs[0].horizon_s
     rows = [
         [
-            Cell(marked(pair.first, read_future)),
-            Cell(marked(pair.second, read_future)),
-            Cell(in_seconds(horizon_s[pair.horizon])),
-            Cell(value=FACTOR * pair.difference, digits=2),
-            Cell(value=FACTOR * pair.low, digits=2),
-            Cell(value=FACTOR * pair.high, digits=2),
-            Cell(value=pair.p, digits=4, least=True),
-            Cell(value=pair.p_holm, digits=4, least=True, bold=pair.significant(LEVEL)),
+            Cell(c.contrast.question),
+            Cell(c.contrast.first),
+            Cell(c.contrast.second),
+            Cell(in_seconds(horizon_s[c.horizon])),
+            Cell(value=FACTOR * c.difference, digits=2),
+            Cell(value=FACTOR * c.low, digits=2),
+            Cell(value=FACTOR * c.high, digits=2),
+            Cell(value=c.p, digits=4, least=True),
+            Cell(value=c.p_corrected, digits=4, least=True, bold=c.significant()),
         ]
-        for pair in pairs
+        for c in compared
     ]
     caption = (
-        f"Difference of MSE {UNIT} (first - second) over the same windows, 95 % bootstrap interval (BCa), Wilcoxon "
-        f"signed-rank p and p after Holm's correction for {len(pairs)} comparisons (bold below {LEVEL})."
-        f"{oracle_note(read_future)}"
+        f"Difference of MSE {UNIT} (first - second), {measured_on(runs[0])}; 95 % interval from the standard error "
+        "over drives (Student's t); p of turning round the signs of whole drives, and corrected for all these "
+        "comparisons together (largest statistic; Westfall and Young 1993), bold below "
+        f"{LEVEL}. Nothing else was tested."
+        f"{few_drives_note(runs[0])}"
     )
-    titles = ["first", "second", "horizon", "difference", "low", "high", "p", "p corrected"]
-    return Table("pairs", "Pairwise comparisons", caption, titles, rows)
+    titles = ["question", "first", "second", "horizon", "difference", "low", "high", "p", "p corrected"]
+    return Table("comparisons", "Planned comparisons", caption, titles, rows)
 
 
 def models_table(runs: Sequence[Run]) -> Table:

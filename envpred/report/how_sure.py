@@ -10,8 +10,9 @@ from envpred.metrics.cells import KINDS, key_of
 from envpred.metrics.ratios import ratio_of_means
 from envpred.metrics.spread_skill import SpreadSkill
 from envpred.report.run import Measured, Run
+from envpred.report.statistics import ratio_drive_errors
 from envpred.report.table import Cell, Table
-from envpred.report.tables import heads, marked, oracle_note, oracles, shown_columns
+from envpred.report.tables import errors_note, heads, marked, measured_on, oracle_note, oracles, shown_columns
 
 SPREAD, BEST, MEAN = SpreadSkill.name, BestOfK.name, "mse"
 # What the table by kinds of cells shows beside each other, by key: their columns.
@@ -38,10 +39,10 @@ def how_sure_table(runs: Sequence[Run]) -> Table | None:
     best = sampled.metrics[BEST].about.title.removeprefix("MSE, ")
     rows = [[Cell(marked(run.label, oracles(runs))), *_spread(run), *_best(run)] for run in runs]
     caption = (
-        "Left, variance of the samples times (K + 1)/K over squared error of their mean, ± standard error: 1 is "
-        f"calibrated, less is too sure of itself. Right, MSE of the {best} samples of each window over that of the "
-        "forecast, which is their mean; one sample of a calibrated forecast has 2. A forecast without samples is its "
-        f"own best, and has no spread.{oracle_note(oracles(runs))}"
+        "Left, variance of the samples times (K + 1)/K over squared error of their mean, ± standard error over "
+        f"windows: 1 is calibrated, less is too sure of itself. Right, MSE of the {best} samples of each window over "
+        f"that of the forecast, which is their mean, {errors_note(runs[0])} One sample of a calibrated forecast has 2. "
+        f"A forecast without samples is its own best, and has no spread.{oracle_note(oracles(runs))}"
     )
     shown = heads(runs[0])
     titles = ["method", *(f"spread / skill, {head}" for head in shown), *(f"{best} / mean, {head}" for head in shown)]
@@ -60,11 +61,11 @@ def cells_table(runs: Sequence[Run]) -> Table | None:
             cells = [_cell(run.metrics.get(key), h) for key in keys]
             rows.append([Cell(kind), Cell(marked(run.label, oracles(runs))), *cells])
     caption = (
-        f"At {heads(runs[0])[-1]}; MSE and CRPS × 10⁻³, lower is better but for spread / skill, best at 1. Dynamic "
-        "cells differ from the last grid shown, moving ones lie within a metre of what has moved within half a second, "
-        "entering ones are not covered by the last grid shown. The first two are chosen by what happened, where a "
-        "calibrated forecast looks too sure: their numbers compare methods, and judge none. CRPS of a forecast without "
-        f"samples is its absolute error.{oracle_note(oracles(runs))}"
+        f"At {heads(runs[0])[-1]}, {measured_on(runs[0])}; MSE and CRPS × 10⁻³, lower is better but for spread / "
+        "skill, best at 1. Dynamic cells differ from the last grid shown, moving ones lie within a metre of what has "
+        "moved within half a second, entering ones are not covered by the last grid shown. The first two are chosen "
+        "by what happened, where a calibrated forecast looks too sure: their numbers compare methods, and judge none. "
+        f"CRPS of a forecast without samples is its absolute error.{oracle_note(oracles(runs))}"
     )
     return Table("how_sure_cells", "How sure, by kind of cells", caption, ["cells", "method", *SCORES.values()], rows)
 
@@ -91,4 +92,8 @@ def _best(run: Run) -> list[Cell]:
     if best is None or best.per_window is None or run.mse.per_window is None:
         return [Cell() for _ in shown_columns(run)]
     ratio, error = ratio_of_means(torch.from_numpy(best.per_window), torch.from_numpy(run.mse.per_window), True)
-    return [Cell(value=float(ratio[h]), error=float(error[h]), digits=2) for h in shown_columns(run)]
+    drive_error = ratio_drive_errors(best.per_window, run.mse.per_window, run.drives)
+    return [
+        Cell(value=float(ratio[h]), error=float(error[h]), drive_error=drive_error[h], digits=2)
+        for h in shown_columns(run)
+    ]

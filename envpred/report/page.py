@@ -12,6 +12,7 @@ from envpred.errors import UserError
 from envpred.horizons import in_seconds
 from envpred.report.run import Run
 from envpred.report.table import Table
+from envpred.report.tables import measured_on
 from envpred.store.files import inside
 
 LONG = 24  # rows from which a table of the appendix is folded
@@ -127,10 +128,9 @@ def _section(table: Table) -> str:
 def _data(run: Run) -> str:
     """What the runs were measured on."""
     data = run.data
-    windows = data["windows"]
     facts = {
         "test drives": ", ".join(str(drive) for drive in data.get("drives", [])),
-        "windows": f"{len(windows)} ({data.get('window_rule', 'rule not told')})",
+        "windows": f"{measured_on(run)} ({data.get('window_rule', 'rule not told')})",
         "frames": f"{data.get('given')} shown, {len(run.horizon_s)} forecast ({in_seconds(run.horizon_s[0])} to "
         f"{in_seconds(run.horizon_s[-1])} ahead)",
         **({"cells": f"{data['resolution']:.3g} m wide"} if "resolution" in data else {}),

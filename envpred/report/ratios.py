@@ -7,8 +7,9 @@ import torch
 from envpred.metrics.skill import skill
 from envpred.report.published import SOURCE, STATIC, counterpart
 from envpred.report.run import Measured, Run
+from envpred.report.statistics import ratio_drive_errors
 from envpred.report.table import Cell, Table
-from envpred.report.tables import heads, marked, oracle_note, oracles, shown_columns, static_of
+from envpred.report.tables import errors_note, heads, marked, oracle_note, oracles, shown_columns, static_of
 
 
 def ratio_table(runs: Sequence[Run]) -> Table | None:
@@ -25,8 +26,8 @@ def ratio_table(runs: Sequence[Run]) -> Table | None:
             cells.append(Cell(value=told[0] / base[0], digits=2) if told and base else Cell())
         rows.append([Cell(marked(run.label, oracles(runs))), *cells])
     caption = (
-        "MSE over that of the static baseline (the last grid shown) on the same windows, ± standard error; below 1 is "
-        f"better than static. Right, apart: the same ratio of the numbers {SOURCE}.{oracle_note(oracles(runs))}"
+        f"MSE over that of the static baseline (the last grid shown) {errors_note(runs[0])} Below 1 is better than "
+        f"static. Right, apart: the same ratio of the numbers {SOURCE}.{oracle_note(oracles(runs))}"
     )
     shown = heads(runs[0])
     titles = ["method", *shown, *(f"paper, {head}" for head in shown)]
@@ -40,7 +41,7 @@ def moved_ratio_table(runs: Sequence[Run]) -> Table | None:
         return None
     rows = [[Cell(marked(run.label, oracles(runs))), *_ratios(run, moved.mse)] for run in runs if run is not moved]
     caption = (
-        f"MSE over that of {moved.label} on the same windows, ± standard error. A method that is not below 1 has "
+        f"MSE over that of {moved.label} {errors_note(runs[0])} A method that is not below 1 has "
         f"learned less than the vehicle's own motion.{oracle_note(oracles(runs))}"
     )
     return Table("moved_ratios", "Ratio to the moved last frame", caption, ["method", *heads(runs[0])], rows)
@@ -52,4 +53,5 @@ def _ratios(run: Run, reference: Measured) -> list[Cell]:
     assert reference.per_window is not None
     score = skill(torch.from_numpy(run.mse.per_window), torch.from_numpy(reference.per_window))
     ratio, error = (1 - score.value).tolist(), score.standard_error.tolist()
-    return [Cell(value=ratio[h], error=error[h], digits=2) for h in shown_columns(run)]
+    drive_error = ratio_drive_errors(run.mse.per_window, reference.per_window, run.drives)
+    return [Cell(value=ratio[h], error=error[h], drive_error=drive_error[h], digits=2) for h in shown_columns(run)]

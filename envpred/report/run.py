@@ -16,6 +16,7 @@ FloatArray = NDArray[np.float64]
 class Measured:
     """A metric of a run: `mean` and `standard_error` (N,), `per_window` (W, N) or None; NaN where undefined.
 
+    `standard_error` counts windows as independent; `drive_error` (N,) counts drives, None without values by window.
     `about` says how it is written.
     """
 
@@ -23,6 +24,7 @@ class Measured:
     standard_error: FloatArray
     per_window: FloatArray | None
     about: About
+    drive_error: FloatArray | None = None
 
 
 @dataclass(frozen=True)
@@ -57,6 +59,11 @@ class Run:
     def mse(self) -> Measured:
         """The mean squared error, which every result has."""
         return self.metrics["mse"]
+
+    @property
+    def drives(self) -> list[str]:
+        """The drive of each window."""
+        return [str(drive) for drive, _ in self.data["windows"]]
 
     @property
     def is_oracle(self) -> bool:

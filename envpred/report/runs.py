@@ -13,6 +13,7 @@ from envpred.errors import UserError
 from envpred.metrics.about import About
 from envpred.report.comparable import ROUNDING, check_comparable
 from envpred.report.run import FloatArray, Measured, Run
+from envpred.report.statistics import drive_errors
 from envpred.results.result import FORMAT, RESULT
 
 Found = TypeVar("Found")
@@ -39,7 +40,7 @@ def read_runs(paths: Sequence[Path], same_inputs: bool = True) -> list[Run]:
     files = [file for files in found_in(paths, _result_files, RESULT, remedy) for file in files]
     runs = [read_run(file) for file in dict.fromkeys(file.resolve() for file in files)]
     check_comparable(runs, same_inputs)
-    return _with_distinct_labels(runs)
+    return with_distinct_labels(runs)
 
 
 def read_run(file: Path) -> Run:
@@ -60,8 +61,9 @@ def read_run(file: Path) -> Run:
         name, role, variant = str(record["model"]["name"]), str(record["role"]), str(record["variant"])
         data = dict(record["data"])
         data["input_hash"] = dict(data["input_hash"])
+        drives = [str(drive) for drive, _ in data["windows"]]
         metrics = {
-            key: _measured(file, key, value, len(horizon_s), len(data["windows"]))
+            key: _measured(file, key, value, len(horizon_s), drives)
             for key, value in record["metrics"].items()
             if "mean" in value
         }
@@ -103,7 +105,7 @@ def _result_files(path: Path) -> list[Path]:
     return [path / RESULT] if (path / RESULT).is_file() else sorted(path.rglob(RESULT))
 
 
-def _measured(file: Path, key: str, value: dict[str, Any], horizons: int, windows: int) -> Measured:
+def _measured(file: Path, key: str, value: dict[str, Any], horizons: int, drives: Sequence[str]) -> Measured:
     """A metric of a result file, complete and consistent with itself."""
     mean, error = _array(value["mean"]), _array(value["standard_error"])
     if mean.shape != (horizons,) or error.shape != (horizons,):
@@ -111,7 +113,7 @@ def _measured(file: Path, key: str, value: dict[str, Any], horizons: int, window
     about = About.of(value)
     if "per_window" not in value:
         return Measured(mean, error, None, about)
-    per_window = _array(value["per_window"])
+    per_window, windows = _array(value["per_window"]), len(drives)
     if per_window.shape != (windows, horizons):
         raise UserError(
             f"{file}: partial, {key} has {len(per_window)} of the {windows} windows at {horizons} horizons; "
@@ -122,7 +124,7 @@ def _measured(file: Path, key: str, value: dict[str, Any], horizons: int, window
     again = np.divide(sums, counted.sum(axis=0), out=np.full(horizons, np.nan), where=counted.any(axis=0))
     if not np.allclose(again, mean, rtol=ROUNDING, equal_nan=True):
         raise UserError(f"{file}: damaged, the mean of {key} is not that of its windows; {_AGAIN}")
-    return Measured(mean, error, per_window, about)
+    return Measured(mean, error, per_window, about, drive_errors(per_window, drives))
 
 
 def _array(values: Any) -> FloatArray:
@@ -134,8 +136,8 @@ def _what(error: Exception) -> str:
     return f"{error} is missing" if isinstance(error, KeyError) else str(error)
 
 
-def _with_distinct_labels(runs: list[Run]) -> list[Run]:
-    """Runs of the same model and variant are told apart by seed, then by folder."""
+def with_distinct_labels(runs: list[Run]) -> list[Run]:
+    """Runs of the same label are told apart by seed, then by folder, then by number."""
     for describe in (lambda run: f"seed {run.record.get('seed')}", lambda run: run.file.parent.name):
         labels = [run.label for run in runs]
         runs = [

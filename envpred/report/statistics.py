@@ -1,107 +1,173 @@
-"""Are two forecasters different?  Paired comparisons over the same windows, corrected for their number."""
+"""Are two forecasters different?  Contrasts that were planned, tested over drives, corrected for their number.
+
+Windows of one drive share its road, speed and weather: errors on them are alike, and what holds on all windows of two
+drives may hold on no third.  So the drive is the unit of chance.  A standard error over drives is that of a mean over
+clusters (Liang and Zeger 1986), an interval takes Student's t with one degree less than there are drives (Cameron and
+Miller 2015), and a test turns the signs of whole drives round.
+"""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from itertools import combinations
+from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
 FloatArray = NDArray[np.float64]
-BATCH = 2**22  # resampled values held at once: 32 MiB
+LEVEL = 0.05
+LEAST_DRIVES = 6  # of fewer, not even all signs alike are rarer than the level: 2^(1 - 5) = 0.0625
+ENUMERATED = 2**13  # patterns of signs up to which all are counted, and that are drawn beyond
+ALIKE = 1e-9  # relative; statistics that differ by rounding are equal
+
+
+@dataclass(frozen=True)
+class Contrast:
+    """Two methods, by their labels, and the question that comparing them answers."""
+
+    first: str
+    second: str
+    question: str
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """`first` against `second` at column `horizon` of their per-window values, over `windows` windows.
+    """A `contrast` at column `horizon` of the values by window, over `drives` drives.
 
-    `difference` is mean(first - second), `low` and `high` its bootstrap confidence interval, `p` Wilcoxon's two-sided
-    probability and `p_holm` the same corrected for all comparisons of the family.
+    `difference` is mean(first - second) over the windows, `low` and `high` its 95 % confidence interval, `p` the
+    two-sided probability of a sign test over drives and `p_corrected` the same corrected for all contrasts and
+    horizons; NaN where there are too few drives for either.
     """
 
-    first: str
-    second: str
+    contrast: Contrast
     horizon: int
-    windows: int
+    drives: int
     difference: float
     low: float
     high: float
     p: float
-    p_holm: float
+    p_corrected: float
 
-    def significant(self, level: float = 0.05) -> bool:
-        """Whether the corrected test refuses equality at `level`."""
-        return self.p_holm < level
+    def significant(self, level: float = LEVEL) -> bool:
+        """Whether the corrected test refuses equality at `level`; never with fewer than six drives."""
+        return self.drives >= LEAST_DRIVES and self.p_corrected < level
 
 
-def bootstrap_interval(
-    difference: FloatArray, generator: np.random.Generator, level: float = 0.95, resamples: int = 10_000
-) -> tuple[float, float]:
-    """Confidence interval of the mean of paired differences (W,), whole windows drawn with replacement.
+def by_drive(values: FloatArray, drives: Sequence[str]) -> tuple[FloatArray, FloatArray]:
+    """Sums and numbers (D, N) of the defined among `values` (W, N), by the drive of each window, in its order."""
+    if len(values) != len(drives):
+        raise ValueError(f"{len(values)} windows have {len(drives)} drives")
+    names = {name: d for d, name in enumerate(dict.fromkeys(drives))}
+    place = np.array([names[name] for name in drives], np.intp)
+    counted = np.isfinite(values)
+    sums, counts = np.zeros((2, len(names), values.shape[1]))
+    np.add.at(sums, place, np.where(counted, values, 0))
+    np.add.at(counts, place, counted)
+    return sums, counts
 
-    Bias corrected and accelerated (Efron 1987), as scipy computes it.  NaN for fewer than two windows.  Windows of one
-    drive are alike: the interval speaks of other windows of the same drives rather than of other drives.
+
+def drive_errors(values: FloatArray, drives: Sequence[str]) -> FloatArray:
+    """Standard errors (N,) over drives of the means over windows of `values` (W, N); NaN for fewer than two drives.
+
+    sqrt(D / (D - 1) sum_d (sum_w (x_dw - mean))^2) / W: errors of one drive's windows add up before they are squared.
     """
-    difference = np.asarray(difference, np.float64)
-    if len(difference) < 2:
-        return float("nan"), float("nan")
-    if np.ptp(difference) == 0:  # no spread to resample; the acceleration would be 0/0
-        return float(difference[0]), float(difference[0])
-    result = stats.bootstrap(
-        (difference,),
-        np.mean,
-        n_resamples=resamples,
-        batch=max(1, BATCH // len(difference)),
-        confidence_level=level,
-        method="BCa",
-        rng=generator,
-    )
-    return float(result.confidence_interval.low), float(result.confidence_interval.high)
+    sums, counts = by_drive(np.asarray(values, np.float64), drives)
+    return _spread(sums, counts)[1]
 
 
-def wilcoxon(difference: FloatArray) -> float:
-    """Two-sided p of Wilcoxon's signed-rank test (1945) that paired differences (W,) are symmetric about 0.
+def ratio_drive_errors(above: FloatArray, below: FloatArray, drives: Sequence[str]) -> FloatArray:
+    """Standard errors (N,) over drives of mean(above) / mean(below) over windows (W, N), by the delta method.
 
-    Windows without a difference drop out; p = 1 if none is left.  Exact for up to 50 windows without ties.
+    A window in which either is undefined does not count.
     """
-    difference = np.asarray(difference, np.float64)
-    return float(stats.wilcoxon(difference).pvalue) if difference.any() else 1.0
+    above, below = np.array(above, np.float64), np.array(below, np.float64)
+    undefined = ~(np.isfinite(above) & np.isfinite(below))
+    above[undefined] = below[undefined] = np.nan
+    (over, _), (under, _) = by_drive(above, drives), by_drive(below, drives)
+    return _spread(over, under)[1]
 
 
-def holm(p: FloatArray) -> FloatArray:
-    """Probabilities (K,) corrected so that the chance of any false alarm among them stays below the level.
+def _spread(sums: FloatArray, counts: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Means (N,) of sums over counts (D, N), and their standard errors over the drives that have any."""
+    having = (counts > 0).sum(axis=0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        total = counts.sum(axis=0)
+        mean = sums.sum(axis=0) / total
+        squares = np.square(sums - mean * counts).sum(axis=0)
+        return mean, np.sqrt(np.where(having > 1, having / (having - 1.0) * squares, np.nan)) / total
 
-    Holm 1979.
+
+def interval(mean: FloatArray, error: FloatArray, drives: int, level: float = 0.95) -> tuple[FloatArray, FloatArray]:
+    """Confidence interval of a mean with its standard error over drives; NaN for fewer than two drives."""
+    half = stats.t.ppf((1 + level) / 2, drives - 1) * error if drives > 1 else np.full_like(error, np.nan)
+    return mean - half, mean + half
+
+
+def sign_tests(sums: FloatArray, generator: np.random.Generator) -> tuple[FloatArray, FloatArray]:
+    """Two-sided probabilities (K,), single and corrected for their number, that sums (D, K) over drives are about 0.
+
+    Were two methods equal, a drive's difference might as well have the other sign.  Signs are turned round for all K
+    differences of a drive at once, and the largest of their statistics is what the corrected probability is of
+    (Westfall and Young 1993): methods that err alike cost less than Bonferroni's or Holm's correction takes.  All 2^D
+    patterns are counted up to 13 drives, 2^13 random ones beyond.  1 where there is no difference.
     """
-    p = np.asarray(p, np.float64)
-    order = np.argsort(p)
-    factors = np.arange(len(p), 0, -1)
-    corrected = np.empty_like(p)
-    corrected[order] = np.minimum(1.0, np.maximum.accumulate(p[order] * factors))
-    return corrected
+    drives, columns = sums.shape
+    scale = np.sqrt(np.square(sums).sum(axis=0))  # whatever the signs are
+    found = np.divide(sums, scale, out=np.zeros_like(sums), where=scale > 0)
+    if 2**drives <= ENUMERATED:
+        signs = np.array(list(product((1.0, -1.0), repeat=drives)))
+    else:
+        signs = generator.choice((1.0, -1.0), (ENUMERATED, drives))
+        signs[0] = 1  # what was measured is one of the patterns
+    statistic = np.abs(found.sum(axis=0))
+    turned = np.abs(signs @ found)  # (patterns, K)
+    least = statistic * (1 - ALIKE)
+    largest = turned.max(axis=1, initial=0)
+    single = (turned >= least).mean(axis=0)
+    corrected = np.array([(largest >= value).mean() for value in least])
+    different = scale > 0
+    return np.where(different, single, 1.0), np.where(different, corrected, 1.0).reshape(columns)
 
 
-def compare_pairs(
-    values: Mapping[str, NDArray[np.floating]], horizons: Sequence[int], seed: int = 0, resamples: int = 10_000
+def compare(
+    values: Mapping[str, NDArray[np.floating]],
+    drives: Sequence[str],
+    contrasts: Sequence[Contrast],
+    horizons: Sequence[int],
+    seed: int = 0,
 ) -> list[Comparison]:
-    """Compare every pair among `values` (name -> (W, N) of the same windows) at the columns `horizons`.
+    """Compare `values` (label -> (W, N) of the same windows) as the `contrasts` say, at the columns `horizons`.
 
-    The correction is over all pairs and columns together.  Windows that are NaN (undefined) for either are left out.
-    Raises ValueError if the numbers of windows differ.
+    Args:
+        values: of each method.
+        drives: the drive of each window.
+        contrasts: what to compare; the correction is over all of them and all columns together.
+        horizons: columns.
+        seed: of the patterns of signs, where they are drawn.
+
+    Windows that are NaN (undefined) for either are left out.
+
+    Raises:
+        ValueError: if the numbers of windows differ.
     """
     if len({len(array) for array in values.values()}) > 1:
         sizes = ", ".join(f"{name}: {len(array)}" for name, array in values.items())
         raise ValueError(f"paired comparison needs the same windows for all, not {sizes}")
-    generator = np.random.default_rng(seed)
+    if not contrasts:
+        return []
+    at = list(horizons)
+    differences = [
+        np.asarray(values[contrast.first], np.float64)[:, at] - np.asarray(values[contrast.second], np.float64)[:, at]
+        for contrast in contrasts
+    ]
+    sums, counts = by_drive(np.concatenate(differences, axis=1), drives)
+    mean, error = _spread(sums, counts)
+    p, corrected = sign_tests(sums, np.random.default_rng(seed))
+    numbers = (counts > 0).sum(axis=0).tolist()
     found = []
-    for first, second in combinations(values, 2):
-        for horizon in horizons:
-            difference = np.asarray(values[first], np.float64)[:, horizon] - values[second][:, horizon]
-            difference = difference[np.isfinite(difference)]
-            mean = float(difference.mean()) if len(difference) else float("nan")
-            low, high = bootstrap_interval(difference, generator, resamples=resamples)
-            p = wilcoxon(difference)
-            found.append(Comparison(first, second, horizon, len(difference), mean, low, high, p, p))
-    corrected = holm(np.array([comparison.p for comparison in found]))
-    return [replace(comparison, p_holm=float(p)) for comparison, p in zip(found, corrected, strict=True)]
+    for k, number in enumerate(numbers):
+        low, high = interval(mean[k], error[k], number)
+        tested = (float(p[k]), float(corrected[k])) if number >= LEAST_DRIVES else (np.nan, np.nan)
+        contrast, horizon = contrasts[k // len(at)], at[k % len(at)]
+        found.append(Comparison(contrast, horizon, number, float(mean[k]), float(low), float(high), *tested))
+    return found

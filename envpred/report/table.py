@@ -26,11 +26,15 @@ LATEX_SPECIAL = {
 
 @dataclass(frozen=True)
 class Cell:
-    """What stands in a cell: a text, or a `value` with or without its standard `error`, both to `digits` decimals."""
+    """What stands in a cell: a text, or a `value` with or without its standard errors, all to `digits` decimals.
+
+    With a `drive_error` it is written `value ± drive_error (error)`, where `error` counts windows as independent.
+    """
 
     text: str = ""
     value: float | None = None
     error: float | None = None
+    drive_error: float | None = None
     digits: int = 1
     bold: bool = False
     mark: str = ""
@@ -42,11 +46,19 @@ class Cell:
             return self.text or MISSING
         if not math.isfinite(self.value):
             return MISSING
-        spread = f" ± {self.error:.{self.digits}f}" if self.error is not None and math.isfinite(self.error) else ""
+        drives, windows = (None if e is None or not math.isfinite(e) else f"{e:.{self.digits}f}" for e in self.errors)
+        spread = f" ± {windows}" if windows else ""
+        if self.drive_error is not None:
+            spread = f" ± {drives or MISSING} ({windows or MISSING})"
         least = 10.0**-self.digits
         if self.least and self.value < least:
             return f"< {least:.{self.digits}f}{self.mark}"
         return f"{self.value:.{self.digits}f}{spread}{self.mark}"
+
+    @property
+    def errors(self) -> tuple[float | None, float | None]:
+        """The standard errors over drives and over windows."""
+        return self.drive_error, self.error
 
 
 @dataclass(frozen=True)
@@ -76,20 +88,23 @@ class Table:
         return f"### {self.title}\n\n" + "\n".join(lines) + f"\n\n{self.caption}\n"
 
     def csv(self) -> str:
-        """The table with full precision; a column with standard errors is followed by one that holds them."""
-        spread = [any(row[k].error is not None for row in self.rows) for k in range(len(self.columns))]
+        """The table with full precision; a column with standard errors is followed by those that hold them."""
+        kinds = ("standard error over drives", "standard error over windows")
+        having = [
+            [any(row[k].errors[n] is not None for row in self.rows) for n in range(len(kinds))]
+            for k in range(len(self.columns))
+        ]
         out = io.StringIO()
         writer = csv.writer(out, lineterminator="\n")
         header: list[str] = []
-        for title, has in zip(self.columns, spread, strict=True):
-            header += [title, f"{title} standard error"] if has else [title]
+        for title, has in zip(self.columns, having, strict=True):
+            header += [title, *(f"{title} {kind}" for kind, told in zip(kinds, has, strict=True) if told)]
         writer.writerow(header)
         for row in self.rows:
             line: list[str] = []
-            for c, has in zip(row, spread, strict=True):
+            for c, has in zip(row, having, strict=True):
                 line.append(c.text if c.value is None else _number(c.value))
-                if has:
-                    line.append(_number(c.error))
+                line += [_number(error) for error, told in zip(c.errors, has, strict=True) if told]
             writer.writerow(line)
         return out.getvalue()
 

@@ -1,17 +1,18 @@
 """The tables of squared error: all methods, and the paper's Table I."""
 
 import math
-from collections.abc import Collection, Sequence, Set
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from envpred.horizons import SHOWN_S, in_seconds
+from envpred.report.contrasts import AGAINST_STATIC, planned
 from envpred.report.published import SOURCE, STATIC, table_1
 from envpred.report.run import Measured, Run
-from envpred.report.statistics import Comparison, compare_pairs
+from envpred.report.statistics import LEAST_DRIVES, LEVEL, Comparison, compare
 from envpred.report.table import Cell, Table
 
-LEVEL = 0.05
 UNIT, FACTOR = "× 10⁻³", 1e3  # in which squared errors are written, ours and the paper's
 MSE, STATIC_MSE = "mse", "static_mse"  # keys of squared error in a result, which these tables are about
 PREDNET = "prednet"  # the paper's model, as results name it
@@ -61,85 +62,101 @@ def oracle_note(read_future: Collection[str]) -> str:
     return note if read_future else ""
 
 
-def comparisons(values: dict[str, Measured], columns: Sequence[int]) -> list[Comparison]:
-    """All pairs of methods at the shown horizons, corrected for their number."""
+def measured_on(run: Run) -> str:
+    """How many windows and drives are behind a number: `14 windows of 2 drives`."""
+    windows, drives = len(run.drives), len(set(run.drives))
+    return f"{windows} window{'s' * (windows > 1)} of {drives} drive{'s' * (drives > 1)}"
+
+
+def errors_note(run: Run) -> str:
+    """What captions say of the standard errors of the run's metrics."""
+    return f"± standard error over drives (in brackets over windows, as if they were independent); {measured_on(run)}."
+
+
+def measured_cell(measured: Measured, h: int) -> Cell:
+    """The metric's cell at column `h`, written as it says."""
+    about = measured.about
+    drive = None if measured.drive_error is None else about.factor * measured.drive_error[h]
+    value, error = about.factor * measured.mean[h], about.factor * measured.standard_error[h]
+    return Cell(value=value, error=error, drive_error=drive, digits=about.digits)
+
+
+def comparisons(runs: Sequence[Run]) -> list[Comparison]:
+    """The planned contrasts among the runs and the static baseline, at the shown horizons."""
+    values = methods(runs)
     told = {label: measured.per_window for label, measured in values.items() if measured.per_window is not None}
-    return compare_pairs(told, columns)
+    contrasts = [c for c in planned(runs) if c.first in told and c.second in told]
+    return compare(told, runs[0].drives, contrasts, shown_columns(runs[0])) if runs else []
 
 
 def error_table(
     name: str,
     title: str,
-    values: dict[str, Measured],
-    pairs: Sequence[Comparison],
+    values: Mapping[str, Measured],
+    compared: Sequence[Comparison],
     run: Run,
-    read_future: Set[str] = frozenset(),
+    read_future: Collection[str] = frozenset(),
 ) -> Table:
-    """Squared error with standard error; the best of a horizon bold, a star on what is significantly worse.
+    """Squared error with standard errors; the best of a horizon bold, a star on what is surely better than static.
 
     Args:
         name: of the table's files.
         title: of the table.
         values: squared error by label.
-        pairs: the comparisons among `values`.
-        run: any of the runs, for the horizons.
+        compared: the planned comparisons.
+        run: any of the runs, for the horizons and the drives.
         read_future: labels of the oracles, which are marked and never the best.
     """
     columns = shown_columns(run)
-    differs = {frozenset((p.first, p.second)): set[int]() for p in pairs}
-    for pair in pairs:
-        if pair.significant(LEVEL):
-            differs[frozenset((pair.first, pair.second))].add(pair.horizon)
+    better = {
+        (c.contrast.first, c.horizon)
+        for c in compared
+        if c.contrast.question == AGAINST_STATIC and c.significant() and c.difference < 0
+    }
     contenders = [label for label in values if label not in read_future]
     best = {h: min(contenders, key=lambda label: _or_inf(values[label].mean[h]), default="") for h in columns}
     rows = []
     for label, measured in values.items():
         cells = [Cell(marked(label, read_future))]
         for h in columns:
-            first = best[h]
-            least = values[first].mean[h] if first else math.inf
-            worse = measured.mean[h] > least and h in differs.get(frozenset((label, first)), ())
+            least = values[best[h]].mean[h] if best[h] else math.inf
             bold = label in contenders and measured.mean[h] == least
-            value, error = FACTOR * measured.mean[h], FACTOR * measured.standard_error[h]
-            cells.append(Cell(value=value, error=error, bold=bold, mark=" *" if worse else ""))
+            cells.append(replace(measured_cell(measured, h), bold=bold, mark=" *" * ((label, h) in better)))
         rows.append(cells)
-    caption = _error_caption(len(run.data["windows"]), len(pairs)) + oracle_note(read_future & values.keys())
+    caption = f"MSE of the probability of occupied {UNIT} {errors_note(run)} Lower is better, best bold."
+    if any(c.contrast.question == AGAINST_STATIC for c in compared):
+        caption += " * Better than the static baseline: see the planned comparisons." * bool(better)
+        caption += few_drives_note(run)
+    caption += oracle_note([label for label in values if label in read_future])
     return Table(name, title, caption, ["method", *heads(run)], rows)
+
+
+def few_drives_note(run: Run) -> str:
+    """Why nothing is starred, if there are too few drives to test anything; else nothing."""
+    drives = len(set(run.drives))
+    if drives >= LEAST_DRIVES:
+        return ""
+    return (
+        f" No star: windows of one drive are alike, and with fewer than {LEAST_DRIVES} drives (here {drives}) no test "
+        f"over drives can refuse equality at {LEVEL:.0%} (all differences of one sign: p = {2.0 ** (1 - drives):.2g})."
+    )
 
 
 def _or_inf(value: float) -> float:
     return value if math.isfinite(value) else math.inf
 
 
-def _error_caption(windows: int, pairs: int) -> str:
-    caption = (
-        f"MSE of the probability of occupied {UNIT} ± standard error over {windows} windows; "
-        "lower is better, best bold."
-    )
-    if pairs:
-        caption += (
-            f" * significantly worse than the best (Wilcoxon signed-rank test on the same windows, p < {LEVEL} after "
-            f"Holm's correction for {pairs} comparisons)."
-        )
-        smallest = 2.0 ** (1 - windows)  # all differences of one sign
-        if smallest * pairs >= LEVEL:
-            least = min(1.0, smallest * pairs)
-            caption += f" With {windows} windows none can be: the least p is {smallest:.2g}, corrected {least:.2g}."
-    return caption
-
-
-def variants_table(runs: Sequence[Run]) -> Table | None:
+def variants_table(runs: Sequence[Run], compared: Sequence[Comparison]) -> Table | None:
     """Table I: PredNet with each input variant."""
     chosen = {run.label: run.mse for run in runs if run.name == PREDNET}
     if not chosen:
         return None
-    pairs = comparisons(chosen, shown_columns(runs[0]))
-    return error_table("table_1", "Table I: PredNet by input variant", chosen, pairs, runs[0], oracles(runs))
+    return error_table("table_1", "Table I: PredNet by input variant", chosen, compared, runs[0], oracles(runs))
 
 
-def methods_table(runs: Sequence[Run], pairs: Sequence[Comparison]) -> Table:
-    """All methods; `pairs` are the comparisons among `methods(runs)`."""
-    return error_table("methods", "All methods", methods(runs), pairs, runs[0], oracles(runs))
+def methods_table(runs: Sequence[Run], compared: Sequence[Comparison]) -> Table:
+    """All methods; `compared` are the `comparisons` of the runs."""
+    return error_table("methods", "All methods", methods(runs), compared, runs[0], oracles(runs))
 
 
 def published_table() -> Table:

@@ -27,7 +27,7 @@ from envpred.results.scenes import Scene, write_scenes
 from tests.remedies import remedy
 from tests.store.stores import write_store
 
-HORIZONS, WINDOWS = 15, 30
+HORIZONS, WINDOWS, DRIVES = 15, 30, 10
 DRAWN_WINDOWS = (0, WINDOWS - 1)
 Values = NDArray[np.float64]
 Kind = type[Forecaster]
@@ -89,8 +89,8 @@ def record(kind: Kind, variant: str, level: float, seed: int = 0) -> dict[str, A
             "variant": variant,
             "split": "auto",
             "part": "test",
-            "drives": ["drive_a", "drive_b"],
-            "windows": [["drive_a", 20 * n] for n in range(WINDOWS)],
+            "drives": [f"drive_{d}" for d in range(DRIVES)],
+            "windows": [[f"drive_{n % DRIVES}", 20 * (n // DRIVES)] for n in range(WINDOWS)],
             "given": 5,
             "length": 20,
             "window_rule": "windows of 20 frames in order, no overlap",

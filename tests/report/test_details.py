@@ -1,4 +1,4 @@
-"""Tables of further metrics, of all pairs, and of what the runs were."""
+"""Tables of further metrics, of planned comparisons, and of what the runs were."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -12,9 +12,9 @@ from envpred.metrics.about import About
 from envpred.metrics.windows import HorizonMetric
 from envpred.models import FCNForecaster, MovedLastFrameOracle
 from envpred.report import report
-from envpred.report.details import heading, metric_tables, models_table, pairs_table
+from envpred.report.details import comparisons_table, heading, metric_tables, models_table
 from envpred.report.runs import read_runs
-from envpred.report.tables import comparisons, methods, shown_columns
+from envpred.report.tables import comparisons
 from tests.report.conftest import measured
 
 MakeRun = Callable[..., Path]
@@ -38,9 +38,10 @@ def test_a_metric_that_the_report_has_never_heard_of_is_shown(make_run: MakeRun,
     assert rows[2:] == [
         "| method | 0.1 s | 0.5 s | 1.0 s | 1.5 s |",
         "|---|---|---|---|---|",
-        "| prednet (dst_static) | 1.00 ± 0.00 | 1.57 ± 0.00 | 2.29 ± 0.00 | 3.00 ± 0.00 |",
+        "| prednet (dst_static) | 1.00 ± 0.00 (0.00) | 1.57 ± 0.00 (0.00) | 2.29 ± 0.00 (0.00) | 3.00 ± 0.00 (0.00) |",
         "",
-        "Value ± standard error over the windows in which it is defined.",
+        "Value ± standard error over drives (in brackets over windows, as if they were independent); 30 windows of 10 "
+        "drives. Undefined windows do not count.",
     ]
 
 
@@ -63,16 +64,20 @@ def test_other_tables_pairs_and_models(all_runs: list[Path]) -> None:
     assert (skill.title, iou.title) == ("Skill against the static baseline ↑", "IoU at 0.5 ↑")
     assert (skill.name, iou.name) == ("skill", "iou")
     assert iou.rows[0][2].value == pytest.approx(runs[0].metrics["iou"].mean[4])
-    pairs = comparisons(methods(runs), shown_columns(runs[0]))
-    table = pairs_table(runs, pairs)
-    assert len(table.rows) == 8 * 7 / 2 * 4
+    table = comparisons_table(runs, comparisons(runs))
+    found = {(row[0].text, row[1].text, row[2].text) for row in table.rows}
+    # Seven methods against static, five against the moved last frame (not itself), two inputs of each kind twice.
+    assert len(found) == 7 + 6 + 2 + 2
+    assert len(table.rows) == 4 * len(found)
     first = table.rows[0]
-    assert (first[0].text, first[1].text, first[2].text) == ("prednet (dst_static)", "prednet (dst_dogma)", "0.1 s")
-    low, difference, high = first[4].value, first[3].value, first[5].value
+    assert [cell.text for cell in first[1:4]] == ["prednet (dst_static)", "static", "0.1 s"]
+    low, difference, high = first[5].value, first[4].value, first[6].value
     assert low is not None
     assert high is not None
     assert difference is not None
-    assert 0 < low < difference < high
+    assert low < difference < high < 0
+    assert first[8].bold
+    assert "30 windows of 10 drives" in table.caption
     models = models_table(runs)
     assert [cell.plain() for cell in models.rows[0]] == [
         "prednet (dst_static)",
@@ -94,7 +99,7 @@ def test_oracles_are_marked_wherever_they_stand(make_run: MakeRun, tmp_path: Pat
         record["model"]["name"] = "clairvoyant"
 
     report([make_run(), make_run(MovedLastFrameOracle, "dst_static", 0.01, change=renamed)], tmp_path / "out")
-    for table in ("methods", "ratios", "iou", "skill", "pairs", "models"):
+    for table in ("methods", "ratios", "iou", "skill", "models"):
         text = (tmp_path / "out" / f"{table}.md").read_text()
         assert "| clairvoyant (dst_static) † |" in text, table
         assert "prednet (dst_static) †" not in text

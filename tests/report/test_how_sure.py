@@ -57,9 +57,9 @@ def test_spread_and_best_beside_the_mean(folders: list[Path]) -> None:
     assert plain[0] == [
         "prednet (dst_static)",
         *("1.00 ± 0.10", "0.97 ± 0.10", "0.94 ± 0.09", "0.90 ± 0.09"),
-        *["0.50 ± 0.00"] * 4,
+        *["0.50 ± 0.00 (0.00)"] * 4,
     ]
-    assert plain[1] == ["fcn (prob_dogma)", *["–"] * 4, *["1.00 ± 0.00"] * 4]
+    assert plain[1] == ["fcn (prob_dogma)", *["–"] * 4, *["1.00 ± 0.00 (0.00)"] * 4]
     assert plain[2] == ["prednet (dst_dogma)", *["–"] * 8]
     assert table.columns[-1] == "best of 16 / mean, 1.5 s"
 

@@ -64,7 +64,7 @@ def test_page_in_a_browser(page: Path, tmp_path: Path) -> None:
     lacking = "Without particle_forecast (dst_dogma), whose test kept no forecasts."
     assert captions[2:6] == [
         f"{place}: {kind} {lacking}"
-        for place in ("drive_a, frame 4", "drive_a, frame 584")
+        for place in ("drive_0, frame 4", "drive_9, frame 44")
         for kind in ("target and forecasts.", "what was seen, then target and forecasts.")
     ]
     assert captions[6:] == [
@@ -106,7 +106,7 @@ def test_same_results_same_report(page: Path, all_runs: list[Path], tmp_path: Pa
 
 def test_files(page: Path) -> None:
     names = {file.name for file in page.parent.iterdir()}
-    tables = ("methods", "table_1", "ratios", "published_table_1", "iou", "pairs", "models")
+    tables = ("methods", "table_1", "ratios", "published_table_1", "iou", "comparisons", "models")
     assert {f"{table}.{ending}" for table in tables for ending in ("md", "csv", "tex")} <= names
     assert {"error.png", "error.pdf", "reliability.png", "reliability.pdf", "report.html"} <= names
     assert {f"window_{n}.{ending}" for n in (0, 1) for ending in ("png", "gif")} <= names

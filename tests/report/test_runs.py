@@ -147,7 +147,7 @@ def test_forecasts_judged_on_other_grids_are_refused(make_run: MakeRun, tmp_path
         k: replace(s, target=s.target - 0.1, forecasts={"fcn": s.forecasts["fcn"] - 0.1}) for k, s in scenes.items()
     }
     write_scenes(two / "drawn.npz", lower)
-    with pytest.raises(UserError, match=r"fcn \(prob_dogma\) was judged on other grids of drive_a, frame 4"):
+    with pytest.raises(UserError, match=r"fcn \(prob_dogma\) was judged on other grids of drive_0, frame 4"):
         report([one, two], tmp_path / "out")
 
 

@@ -2,6 +2,7 @@
 
 import csv
 import io
+import math
 
 import pytest
 
@@ -24,7 +25,7 @@ def test_written_forms() -> None:
         "| x | – |",
     ]
     assert list(csv.reader(io.StringIO(TABLE.csv()))) == [
-        ["method", "0.1 s", "0.1 s standard error"],
+        ["method", "0.1 s", "0.1 s standard error over windows"],
         ["a|b_c", "1.25", "0.5"],
         ["x", "", ""],
     ]
@@ -40,3 +41,16 @@ def test_written_forms() -> None:
 def test_rows_must_fit() -> None:
     with pytest.raises(ValueError, match="2 columns"):
         Table("t", "", "", ["a", "b"], [[Cell("x")]])
+
+
+def test_both_standard_errors() -> None:
+    cells = [Cell(value=1.25, error=0.5, drive_error=0.75), Cell(value=2.0, error=0.1, drive_error=math.nan), Cell("x")]
+    table = Table("t", "T", "", ["0.1 s"], [[cell] for cell in cells])
+    assert [row[0].plain() for row in table.rows] == ["1.2 ± 0.8 (0.5)", "2.0 ± – (0.1)", "x"]
+    assert list(csv.reader(io.StringIO(table.csv()))) == [
+        ["0.1 s", "0.1 s standard error over drives", "0.1 s standard error over windows"],
+        ["1.25", "0.75", "0.5"],
+        ["2", "", "0.1"],
+        ["x", "", ""],
+    ]
+    assert r"1.2 $\pm$ 0.8 (0.5)" in table.latex()

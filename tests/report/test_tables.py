@@ -5,26 +5,22 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from envpred.models import FCNForecaster, LastFrame, MovedLastFrame, MovedLastFrameOracle, PredNetForecaster
 from envpred.report import published
+from envpred.report.details import comparisons_table
 from envpred.report.runs import read_runs
-from envpred.report.tables import (
-    comparisons,
-    methods,
-    methods_table,
-    published_table,
-    shown_columns,
-    variants_table,
-)
+from envpred.report.tables import comparisons, methods, methods_table, published_table, variants_table
+from tests.report.conftest import DRIVES, WINDOWS
 
 MakeRun = Callable[..., Path]
 
 
-def test_table_1_has_the_best_bold_and_what_is_worse_marked(all_runs: list[Path]) -> None:
+def test_table_1_has_the_best_bold_and_stars_what_beats_static(all_runs: list[Path]) -> None:
     runs = read_runs(all_runs)
-    table = variants_table(runs)
+    table = variants_table(runs, comparisons(runs))
     assert table is not None
     assert [row[0].text for row in table.rows] == [
         "prednet (dst_static)",
@@ -35,33 +31,39 @@ def test_table_1_has_the_best_bold_and_what_is_worse_marked(all_runs: list[Path]
     assert list(table.columns) == ["method", "0.1 s", "0.5 s", "1.0 s", "1.5 s"]
     for column in (1, 2, 3, 4):
         assert [row[column].bold for row in table.rows] == [False, True, False, False]
-        assert [row[column].mark for row in table.rows] == [" *", "", " *", " *"]
-    record = json.loads((all_runs[1] / "result.json").read_text())["metrics"]["mse"]
-    assert table.rows[1][3].value == pytest.approx(1e3 * record["mean"][9])
-    assert table.rows[1][3].error == pytest.approx(1e3 * record["standard_error"][9])
-    assert "24 comparisons" in table.caption
+        assert [row[column].mark for row in table.rows] == [" *"] * 4
+    mse = json.loads((all_runs[1] / "result.json").read_text())["metrics"]["mse"]
+    cell = table.rows[1][3]
+    assert cell.value == pytest.approx(1e3 * mse["mean"][9])
+    assert cell.error == pytest.approx(1e3 * mse["standard_error"][9])
+    drives = np.array(mse["per_window"])[:, 9].reshape(-1, DRIVES).mean(axis=0)  # windows go round the drives
+    assert cell.drive_error == pytest.approx(1e3 * drives.std(ddof=1) / DRIVES**0.5)
+    assert f"{WINDOWS} windows of {DRIVES} drives" in table.caption
 
 
-def test_methods_that_cannot_be_told_apart_are_not_marked(make_run: MakeRun) -> None:
-    runs = read_runs([make_run(seed=1), make_run(PredNetForecaster, "prob_static", seed=2)])
-    table = variants_table(runs)
-    assert table is not None
+def test_what_is_no_better_than_static_has_no_star(make_run: MakeRun) -> None:
+    runs = read_runs([make_run(level=0.09), make_run(FCNForecaster, "prob_dogma", level=0.2)])
+    table = methods_table(runs, comparisons(runs))
     assert not any(cell.mark for row in table.rows for cell in row)
 
 
-def test_few_windows_say_that_nothing_can_be_significant(make_run: MakeRun) -> None:
+@pytest.mark.parametrize("drives", [1, 2, 5])
+def test_few_drives_have_no_star_and_the_caption_says_why(make_run: MakeRun, drives: int) -> None:
     def few(record: dict[str, Any]) -> None:
-        record["data"]["windows"] = record["data"]["windows"][:4]
-        for key in ("mse", "static_mse", "iou"):
-            values = record["metrics"][key]["per_window"][:4]
-            mean = [sum(column) / 4 for column in zip(*values, strict=True)]
-            record["metrics"][key] |= {"per_window": values, "mean": mean}
+        windows = record["data"]["windows"]
+        record["data"]["windows"] = [[f"drive_{n % drives}", 20 * n] for n in range(len(windows))]
 
     runs = read_runs([make_run(change=few), make_run(FCNForecaster, "prob_dogma", change=few)])
-    pairs = comparisons(methods(runs), shown_columns(runs[0]))
-    table = methods_table(runs, pairs)
+    compared = comparisons(runs)
+    table = methods_table(runs, compared)
+    assert compared
     assert not any(cell.mark for row in table.rows for cell in row)
-    assert "none can be: the least p is 0.12, corrected 1." in table.caption
+    assert f"with fewer than 6 drives (here {drives}) no test" in table.caption
+    assert f"p = {2.0 ** (1 - drives):.2g}" in table.caption
+    assert "Better than the static baseline" not in table.caption
+    appendix = comparisons_table(runs, compared)
+    assert "No star" in appendix.caption
+    assert {row[-1].plain() for row in appendix.rows} == {"–"}
 
 
 def test_static_stands_among_the_methods_once(make_run: MakeRun) -> None:
@@ -76,17 +78,18 @@ def test_static_stands_among_the_methods_once(make_run: MakeRun) -> None:
 
 
 def test_ties_are_both_best(make_run: MakeRun) -> None:
-    table = variants_table(read_runs([make_run(level=0.05), make_run(PredNetForecaster, "prob_static", level=0.05)]))
+    runs = read_runs([make_run(level=0.05), make_run(PredNetForecaster, "prob_static", level=0.05)])
+    table = variants_table(runs, comparisons(runs))
     assert table is not None
     assert all(cell.bold for row in table.rows for cell in row[1:])
 
 
 def test_an_oracle_is_never_the_best(make_run: MakeRun) -> None:
     runs = read_runs([make_run(), make_run(MovedLastFrameOracle, "dst_static", level=0.01)])
-    table = methods_table(runs, comparisons(methods(runs), shown_columns(runs[0])))
+    table = methods_table(runs, comparisons(runs))
     assert [[cell.bold for cell in row[1:]] for row in table.rows] == [[True] * 4, [False] * 4, [False] * 4]
-    assert not any(cell.mark for cell in table.rows[1])  # it differs from the best, but is not worse
-    assert [cell.mark for cell in table.rows[2][1:]] == [" *"] * 4
+    assert not any(cell.mark for cell in table.rows[1])  # it is better than static, but no forecast
+    assert [cell.mark for cell in table.rows[0][1:]] == [" *"] * 4
     assert "An oracle reads the future" in table.caption
 
 
@@ -110,8 +113,8 @@ def test_roles_tell_what_a_run_is_and_names_do_not(make_run: MakeRun) -> None:
 
 def test_table_1_holds_the_papers_model_alone(make_run: MakeRun) -> None:
     like = make_run(change=lambda record: record["model"].update(name="prednet_of_mine"))
-    assert variants_table(read_runs([like])) is None
-    table = variants_table(read_runs([like, make_run()]))
+    assert variants_table(read_runs([like]), []) is None
+    table = variants_table(read_runs([like, make_run()]), [])
     assert table is not None
     assert [row[0].text for row in table.rows] == ["prednet (dst_static)"]
 
