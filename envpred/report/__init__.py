@@ -49,11 +49,11 @@ def report(runs: Sequence[Path], out: Path, same_inputs: bool = True) -> Path:
     tables = (
         *(methods_table(averaged, compared), variants_table(averaged, compared)),
         *(ratio_table(averaged), moved_ratio_table(averaged), seeds_table(read)),
-        *([comparisons_table(averaged, compared)] if compared else []),
         *(how_sure_table(averaged), cells_table(averaged)),
     )
     measured = [table for table in tables if table is not None]
-    appendix = [*metric_tables(averaged), models_table(read)]
+    compared_table = [comparisons_table(averaged, compared)] if compared else []
+    appendix = [*compared_table, *metric_tables(averaged), models_table(read)]
     published = [published_table()]
     figures = {"error": ("Error over the horizon", error_curves(averaged))}
     reliability = reliability_diagram(averaged)
