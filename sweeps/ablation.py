@@ -7,39 +7,27 @@ Interrupt it whenever you like; the same command goes on, and what is done is no
 (--config, --model.*, --data.*, --trainer.*) go to every run.
 """
 
-import math
-import time
-from collections.abc import Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
-from dataclasses import replace
-from datetime import timedelta
+from collections.abc import Sequence
 from pathlib import Path
 
-import torch
-
 from envpred.cli.arguments import names_configuration
-from envpred.datamodules import GridDataModule
 from envpred.datamodules.variants import VARIANTS
 from envpred.errors import UserError
 from envpred.interrupts import noted
 from envpred.report import report
-from envpred.store import Store
 from envpred.store.files import replace_text
 
-from .runs import processes
 from .runs.command import run as command
 from .runs.command import say
-from .runs.trial import TrialFailedError
 from .study.best import BEST
 from .study.storage import told
 from .table import stores
-from .table.estimate import seconds, untrained
+from .table.execute import execute, show_plan
 from .table.job import Job
 from .table.plan import QUESTIONS, VELOCITIES, make_plan
 from .table.summary import SUMMARY, summary
 
 DEFAULT = "prednet_small"
-GRIDS_A_SECOND = 30.0  # frames mapped, with velocities, on one core; for the estimate alone
 
 
 def ablation(
@@ -84,14 +72,14 @@ def ablation(
         jobs = [Job.of(run, folders[run.store], out / "runs") for run in plan]
         missing = [key for key, folder in folders.items() if not stores.is_whole(key, folder, store)]
         todo = [job for job in jobs if job.run.store in missing or not job.is_done()]
-        times = _show(jobs, todo, missing, store, workers)
+        times = show_plan(jobs, todo, missing, store, workers)
         if dry_run:
             return
         with noted():
             for key in missing:
                 say(f"building the store of {key}")
                 stores.build(key, store, folders[key], source)
-            failures = _do(todo, times, workers)
+            failures = execute(todo, times, workers)
         reports = _report(jobs, out, failures)
         text = summary(jobs, reports, failures, out)
         say(f"{text}\nsummary: {replace_text(out / SUMMARY, text)}")
@@ -101,65 +89,6 @@ def ablation(
                     [*failures, f"{len(failures)} of {len(jobs)} runs and their reports failed; the others are done"]
                 )
             )
-
-
-def _show(
-    jobs: Sequence[Job], todo: Sequence[Job], missing: Sequence[str], store: Path, workers: int
-) -> dict[str, float]:
-    """Print the plan; returns the estimated seconds of each run that is to do, by its name."""
-    if workers > 1:
-        torch.set_num_threads(processes.threads_each(workers))  # what is timed here has as many as the runs will have
-    example = GridDataModule(**{**jobs[0].config["data"], "store": store})
-    example.setup("fit")
-    sizes = example.cells, example.horizons, len(example.datasets["val"])
-    frames = sum(len(drive.frames) for drive in Store(store).drives.values())
-    times = {job.run.name: seconds(job.config, *sizes) if job.run.trains else untrained(sizes[-1]) for job in todo}
-    width = max(len(job.run.name) for job in jobs)
-    for key in missing:
-        say(f"{'store ' + key:{width}}  {_span(frames / GRIDS_A_SECOND):>8}  {frames} frames to map")
-    for job in jobs:
-        state = _span(times[job.run.name]) if job in todo else "done"
-        say(f"{job.run.name:{width}}  {state:>8}  reports: {', '.join(job.run.groups)}")
-    total = sum(times.values()) / workers + len(missing) * frames / GRIDS_A_SECOND
-    say(f"{len(todo)} of {len(jobs)} runs and {len(missing)} stores to do, about {_span(total)}")
-    return times
-
-
-def _do(todo: Sequence[Job], times: dict[str, float], workers: int) -> list[str]:
-    """Run what is to do; returns a line for each run that failed."""
-    failures = []
-    start, planned = time.monotonic(), 0.0
-    for place, (job, failure) in enumerate(_outcomes(todo, workers), 1):
-        if failure is not None:
-            failures.append(f"{job.run.name}: {failure} (see the logs in {job.folder})")
-        planned += times.pop(job.run.name)
-        left = sum(times.values()) * (time.monotonic() - start) / planned
-        said = "done" if failure is None else "failed"
-        say(f"{place} of {len(todo)}: {job.run.name} {said}; about {_span(left)} left")
-    return failures
-
-
-def _outcomes(todo: Sequence[Job], workers: int) -> Iterator[tuple[Job, TrialFailedError | None]]:
-    """Do the jobs, `workers` at once; gives each as it ends, with its failure if it failed."""
-    if workers == 1:
-        yield from map(_outcome, todo)
-        return
-    with ThreadPoolExecutor(workers) as pool:
-        futures = [pool.submit(_outcome, replace(job, threads=processes.threads_each(workers))) for job in todo]
-        try:
-            for future in as_completed(futures):
-                yield future.result()
-        except BaseException:  # of a run, or Ctrl-C: nothing more is started, and what runs is ended
-            processes.abandon(pool, futures)
-            raise
-
-
-def _outcome(job: Job) -> tuple[Job, TrialFailedError | None]:
-    try:
-        job.do()
-    except TrialFailedError as failed:
-        return job, failed
-    return job, None
 
 
 def _report(jobs: Sequence[Job], out: Path, failures: list[str]) -> dict[str, Path]:
@@ -173,10 +102,6 @@ def _report(jobs: Sequence[Job], out: Path, failures: list[str]) -> dict[str, Pa
             except UserError as error:
                 failures.append(f"report {group}: {error}")
     return pages
-
-
-def _span(value: float) -> str:
-    return str(timedelta(seconds=math.ceil(value)))
 
 
 def main(args: list[str] | None = None) -> None:

@@ -199,7 +199,7 @@ def refused(args: list[str], capsys: pytest.CaptureFixture[str]) -> list[list[st
 @pytest.fixture
 def untimed(monkeypatch: pytest.MonkeyPatch) -> None:
     """Plans do not say how long they take, which takes a while to find out."""
-    monkeypatch.setattr("sweeps.ablation._show", lambda *_: {})
+    monkeypatch.setattr("sweeps.ablation.show_plan", lambda *_: {})
 
 
 @pytest.mark.usefixtures("stubbed", "untimed")

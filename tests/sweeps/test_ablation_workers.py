@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 
 from envpred.errors import UserError
-from sweeps.ablation import _outcomes
 from sweeps.runs import processes
 from sweeps.runs.trial import TrialFailedError
+from sweeps.table.execute import outcomes
 from sweeps.table.job import Job
 from sweeps.table.plan import Run
 
@@ -31,9 +31,9 @@ def test_two_at_once_with_their_share_of_the_cores(tmp_path: Path, monkeypatch: 
         return 0.0
 
     monkeypatch.setattr(Job, "do", do)
-    outcomes = {job.run.name: failure for job, failure in _outcomes(jobs(tmp_path, *"abcd"), 2)}
-    assert sorted(outcomes) == ["a", "b", "c", "d"]
-    assert str(outcomes["b"]) == "diverged"
+    found = {job.run.name: failure for job, failure in outcomes(jobs(tmp_path, *"abcd"), 2)}
+    assert sorted(found) == ["a", "b", "c", "d"]
+    assert str(found["b"]) == "diverged"
     assert [name for name, failure in outcomes.items() if failure is None] == [n for n in outcomes if n != "b"]
     assert threads == [processes.threads_each(2)] * 4
 
@@ -69,6 +69,6 @@ def test_a_full_disk_ends_the_others_and_starts_no_more(tmp_path: Path, monkeypa
 
     monkeypatch.setattr(Job, "do", do)
     with pytest.raises(UserError, match="the disk is full"):
-        list(_outcomes(jobs(tmp_path, "long", "full", *"abcdef"), 2))
+        list(outcomes(jobs(tmp_path, "long", "full", *"abcdef"), 2))
     assert all(child.poll() is not None for child in children)
     assert len(started) < 5  # one more may have begun before the end was known
