@@ -31,7 +31,7 @@ class FCNForecaster(Forecaster):
         width: float = 1.0,
         dropout: float = 0.5,
         lr: float = 1e-4,
-        max_epochs: int = 198,
+        max_epochs: int = 79,
     ) -> None:
         super().__init__(variant, given)
         self.save_hyperparameters()

@@ -34,7 +34,7 @@ def test_two_at_once_with_their_share_of_the_cores(tmp_path: Path, monkeypatch: 
     found = {job.run.name: failure for job, failure in outcomes(jobs(tmp_path, *"abcd"), 2)}
     assert sorted(found) == ["a", "b", "c", "d"]
     assert str(found["b"]) == "diverged"
-    assert [name for name, failure in outcomes.items() if failure is None] == [n for n in outcomes if n != "b"]
+    assert [name for name, failure in found.items() if failure is None] == [n for n in found if n != "b"]
     assert threads == [processes.threads_each(2)] * 4
 
 
