@@ -44,6 +44,7 @@ DRAWERS: dict[str, set[str]] = {
     "table": {"runs"},
     "tune": {"runs", "study"},
     "ablation": {"runs", "study", "table"},
+    "paper": {"runs", "study", "table", "tune"},
 }
 
 

@@ -166,16 +166,18 @@ def velocity(store: Path, out: Path, drive: str | None = None, frame: int = 0) -
         print(pictures.save(velocities.of_frame(chosen, frame), out))
 
 
-def report(runs: list[Path], out: Path) -> None:
+def report(runs: list[Path], out: Path, source: Path | None = None) -> None:
     """Compare test runs: tables, curves and one HTML page, from their results alone.
 
     Args:
         runs: result files, or folders that hold some, all of the same test windows; folders without any are skipped.
         out: folder for the report.
+        source: folder with the drives, for the pictures of their camera.
     """
+    from envpred.cli.draw import camera_of
     from envpred.report import report as write_report
 
-    print(write_report(runs, out))
+    print(write_report(runs, out, camera=lambda drive: camera_of(drive, source)))
 
 
 def _stored_drive(store: Path, drive: str | None, frame: int) -> StoredDrive:

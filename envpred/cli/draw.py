@@ -10,7 +10,7 @@ from envpred.drives import one_drive
 from envpred.errors import UserError
 from envpred.horizons import in_seconds
 from envpred.pictures.animations import scene_animation
-from envpred.pictures.forecasts import scene_strip
+from envpred.pictures.forecasts import Camera, scene_strip
 from envpred.pictures.grids import save
 from envpred.report.pictures import drawn_scenes
 from envpred.report.runs import found_in, read_run
@@ -80,7 +80,7 @@ def draw(
     if out.suffix == ".gif":
         out.write_bytes(scene_animation(scene))
     else:
-        save(scene_strip(scene, steps, _camera(source, scene.drive)), out)
+        save(scene_strip(scene, steps, camera_of(scene.drive, source)), out)
     return f"{out}: {scene.where}"
 
 
@@ -109,5 +109,10 @@ def _steps(seconds: float, scene: Scene) -> int:
     return steps
 
 
-def _camera(source: Path | None, name: str) -> Callable[[int], Path | None]:
-    return (lambda frame: None) if source is None else one_drive(source, name).image
+def camera_of(drive: str, source: Path | None) -> Camera | None:
+    """The camera's pictures of a drive in the folder `source`, if one is given.
+
+    Raises:
+        UserError: if the folder lacks the drive.
+    """
+    return None if source is None else one_drive(source, drive).image

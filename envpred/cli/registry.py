@@ -30,6 +30,7 @@ COMMANDS = {
     "draw": Command("envpred.cli.commands.draw", ("predictions", "+")),
     "tune": Command("sweeps.tune.tune", configs=("model", "data", "preset"), takes_fit=True),
     "ablate": Command("sweeps.ablation.ablation", configs=("model", "data", "preset"), takes_fit=True),
+    "paper": Command("sweeps.paper.paper", configs=("model", "data", "preset"), takes_fit=True),
     "simulate": Command("envpred.simulate.commands.simulate", ("out", None)),
     "realism": Command("envpred.simulate.commands.realism"),
     "record": Command("envpred.simulate.commands.record", ("out", None)),

@@ -41,7 +41,7 @@ class GridDataModule(LightningDataModule):
     Args:
         store: folder that `envpred grids` wrote.
         variant: dst_static, prob_static, dst_dogma, prob_dogma, or module.NAME of a variant of your own.
-        split: auto, paper, or custom for the lists below (see `envpred.datamodules.selection.preset`).
+        split: auto, reference, or custom for the lists below (see `envpred.datamodules.selection.preset`).
         train: drives that train, each as name or name@start-stop; they replace the preset's.
         val: drives that validate, likewise.
         test: drives that test, likewise.

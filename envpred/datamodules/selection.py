@@ -14,8 +14,8 @@ from envpred.store import Store, StoredDrive
 from envpred.store.groups import command
 
 # Drives that the paper's reference code names; it trains on all others.
-PAPER_VALIDATION = ("2011_09_26_drive_0005_sync", "2011_09_26_drive_0014_sync")
-PAPER_TEST = ("2011_09_26_drive_0091_sync", "2011_09_26_drive_0015_sync")
+REFERENCE_VALIDATION = ("2011_09_26_drive_0005_sync", "2011_09_26_drive_0014_sync")
+REFERENCE_TEST = ("2011_09_26_drive_0091_sync", "2011_09_26_drive_0015_sync")
 
 
 @dataclass(frozen=True)
@@ -85,25 +85,26 @@ def warnings_of(selections: Iterable[Selection]) -> dict[str, list[str]]:
 def preset(name: str, drives: dict[str, StoredDrive]) -> Split:
     """A split by name.
 
-    `paper`: validation and test drives as the reference code names them, all others train.  `auto`: `paper` where the
-    store holds its drives; else the drives in order of their names, the last fifth (at least one) tests, the tenth
-    before it (at least one) validates, the others train.  Of two drives the second tests and the last 30 % of the first
-    validate; one drive is cut into three fifths, one fifth and one fifth.
+    `reference`: the two validation and two test drives that the paper's reference code names, all others train; the
+    paper itself tested on seven drives, which it does not name.  `auto`: `reference` where the store holds these; else
+    the drives in order of their names, the last fifth (at least one) tests, the tenth before it (at least one)
+    validates, the others train.  Of two drives the second tests and the last 30 % of the first validate; one drive is
+    cut into three fifths, one fifth and one fifth.
 
     Raises:
         UserError: if the preset is not known, or names a drive that is not in the store.
     """
     names = list(drives)
     if name == "auto":
-        if all(drive in drives for drive in (*PAPER_VALIDATION, *PAPER_TEST)):
-            return preset("paper", drives)
+        if all(drive in drives for drive in (*REFERENCE_VALIDATION, *REFERENCE_TEST)):
+            return preset("reference", drives)
         return _auto(names, drives)
-    if name == "paper":
-        held_out = (*PAPER_VALIDATION, *PAPER_TEST)
-        val, test = select(list(PAPER_VALIDATION), drives), select(list(PAPER_TEST), drives)
+    if name == "reference":
+        held_out = (*REFERENCE_VALIDATION, *REFERENCE_TEST)
+        val, test = select(list(REFERENCE_VALIDATION), drives), select(list(REFERENCE_TEST), drives)
         return Split(select([n for n in names if n not in held_out], drives), val, test)
     raise UserError(
-        f"no split {name!r}; give auto or paper, or lists of drives as --data.train, --data.val, --data.test"
+        f"no split {name!r}; give auto or reference, or lists of drives as --data.train, --data.val, --data.test"
     )
 
 

@@ -29,6 +29,7 @@ from envpred.pictures.panels import (
 from envpred.results.scenes import Scene
 
 TARGET = "target"
+Camera = Callable[[int], Path | None]  # frame -> the file of its picture, if there is one
 
 
 def forecast_strip(scene: Scene, title: str | None = None) -> Figure:
@@ -55,7 +56,7 @@ def forecast_strip(scene: Scene, title: str | None = None) -> Figure:
 def scene_strip(
     scene: Scene,
     horizons: Sequence[int] | None = None,
-    camera: Callable[[int], Path | None] = lambda frame: None,
+    camera: Camera | None = None,
     title: str | None = None,
 ) -> Figure:
     """The paper's results figure: camera, target and each method's forecast, the last frame shown before them.
@@ -65,12 +66,12 @@ def scene_strip(
     Args:
         scene: the window; without frames shown there is neither their column nor a row of targets.
         horizons: the columns (1 is the first step), by default the paper's and the last if that lies beyond them.
-        camera: tells the file of the picture of a frame, or None where there is none.
+        camera: tells the file of the picture of a frame, if there are any.
         title: of the whole, by default drive and frame.
     """
     shown = list(scene.shown if horizons is None else [h for h in horizons if h <= scene.horizons])
     columns = ([0] if len(scene.seen) else []) + shown
-    files = [camera(scene.frames[-1] + h) for h in columns]
+    files = [camera and camera(scene.frames[-1] + h) for h in columns]
     pictures = [None if file is None else np.asarray(Image.open(file)) for file in files]
     ratios = [picture.shape[0] / picture.shape[1] for picture in pictures if picture is not None]
     rows = {**({TARGET: scene.target} if len(scene.seen) or len(scene.target) else {}), **scene.forecasts}

@@ -1,10 +1,10 @@
 """From results of test runs alone to tables, curves and one HTML page."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from envpred.pictures.animations import scene_animation
-from envpred.pictures.forecasts import scene_strip
+from envpred.pictures.forecasts import Camera, scene_strip
 from envpred.pictures.grids import save
 from envpred.report.curves import error_curves, reliability_diagram
 from envpred.report.details import comparisons_table, metric_tables, models_table
@@ -29,7 +29,12 @@ CAPTIONS = {
 }
 
 
-def report(runs: Sequence[Path], out: Path, same_inputs: bool = True) -> Path:
+def report(
+    runs: Sequence[Path],
+    out: Path,
+    same_inputs: bool = True,
+    camera: Callable[[str], Camera | None] = lambda drive: None,
+) -> Path:
     """Compare test runs: write tables (Markdown, CSV, LaTeX), curves (PNG, PDF) and `report.html` into `out`.
 
     Returns the page.  Same results, same report.
@@ -38,12 +43,15 @@ def report(runs: Sequence[Path], out: Path, same_inputs: bool = True) -> Path:
         runs: result files, or folders that hold some, all of the same test windows.
         out: folder for the report.
         same_inputs: whether runs must have read the same of an array beside what is judged, a velocity say.
+        camera: of a drive, for pictures beside the grids.
 
     Raises:
         UserError: if a result is missing, damaged, partial, stale or of other windows; nothing is written.
     """
+    out = Path(out)
     read = read_runs(runs, same_inputs)
     pictures, scenes = pictures_of(read), compared_scenes(read)
+    cameras = {scene.drive: camera(scene.drive) for scene in scenes}
     averaged = average_seeds(read)
     compared = comparisons(averaged)
     tables = (
@@ -53,14 +61,13 @@ def report(runs: Sequence[Path], out: Path, same_inputs: bool = True) -> Path:
     )
     measured = [table for table in tables if table is not None]
     compared_table = [comparisons_table(averaged, compared)] if compared else []
-    appendix = [*compared_table, *metric_tables(averaged), models_table(read)]
+    appendix = [*compared_table, *metric_tables(averaged), models_table(read, out)]
     published = [published_table()]
     figures = {"error": ("Error over the horizon", error_curves(averaged))}
     reliability = reliability_diagram(averaged)
     if reliability is not None:
         figures["reliability"] = ("Reliability", reliability)
 
-    out = Path(out)
     out.mkdir(parents=True, exist_ok=True)
     for table in (*measured, *published, *appendix):
         for ending, text in (("md", table.markdown()), ("csv", table.csv()), ("tex", table.latex())):
@@ -69,19 +76,21 @@ def report(runs: Sequence[Path], out: Path, same_inputs: bool = True) -> Path:
     for name, (heading, figure) in figures.items():
         save(figure, out / f"{name}.pdf")
         curves[heading] = Picture.read(save(figure, out / f"{name}.png"), CAPTIONS[name])
-    drawn = _compared(scenes, read, out)
+    drawn = _compared(scenes, read, out, cameras)
     (out / PAGE).write_text(page(read, measured, published, appendix, curves, drawn, pictures))
     return out / PAGE
 
 
-def _compared(scenes: Sequence[Scene], runs: Sequence[Run], out: Path) -> list[Picture]:
+def _compared(
+    scenes: Sequence[Scene], runs: Sequence[Run], out: Path, cameras: Mapping[str, Camera | None]
+) -> list[Picture]:
     """A strip and an animation of each scene, every method beside the others, written into `out` too."""
     without = [run.label for run in runs if scenes and run.label not in scenes[0].forecasts]
     lacking = f" Without {', '.join(without)}, whose test kept no forecasts." if without else ""
     pictures = []
     for n, scene in enumerate(scenes):
         strip, gif = out / f"window_{n}.png", out / f"window_{n}.gif"
-        save(scene_strip(scene), strip)
+        save(scene_strip(scene, camera=cameras[scene.drive]), strip)
         gif.write_bytes(scene_animation(scene))
         pictures.append(Picture.read(strip, f"{scene.where}: target and forecasts.{lacking}"))
         pictures.append(Picture.read(gif, f"{scene.where}: what was seen, then target and forecasts.{lacking}"))

@@ -1,7 +1,9 @@
 """The tables behind the results: one for each further metric, the planned comparisons, and what the runs were."""
 
 import math
+import os
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 
@@ -94,8 +96,8 @@ def comparisons_table(runs: Sequence[Run], compared: Sequence[Comparison]) -> Ta
     return Table("comparisons", "Planned comparisons", caption, titles, rows)
 
 
-def models_table(runs: Sequence[Run]) -> Table:
-    """What each run was: role, size, work, speed, and the command behind it."""
+def models_table(runs: Sequence[Run], out: Path) -> Table:
+    """What each run was: role, size, work, speed, its folder seen from `out`, and the command behind it."""
     rows = []
     for run in runs:
         model, seconds = run.record["model"], run.record.get("forecast_seconds_per_window")
@@ -109,6 +111,7 @@ def models_table(runs: Sequence[Run]) -> Table:
                 Cell(value=1 / seconds if seconds else math.nan, digits=1),
                 Cell(str(seed) if seed is not None else ""),
                 Cell(str(run.record.get("revision") or "")[:12]),
+                Cell(_place(run, out)),
                 Cell(str(run.record.get("command") or "")),
             ]
         )
@@ -116,5 +119,10 @@ def models_table(runs: Sequence[Run]) -> Table:
         "FLOPs of the forecast of one window, a multiply-add counted as two; windows a second in the test run."
         f"{oracle_note(oracles(runs))}"
     )
-    titles = ["method", "role", "parameters", "GFLOP a window", "windows/s", "seed", "revision", "command"]
+    titles = ["method", "role", "parameters", "GFLOP a window", "windows/s", "seed", "revision", "folder", "command"]
     return Table("models", "Models", caption, titles, rows)
+
+
+def _place(run: Run, out: Path) -> str:
+    """The run's folder as seen from the folder of the report."""
+    return os.path.relpath(run.file.parent.resolve(), out.resolve())

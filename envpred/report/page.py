@@ -93,11 +93,11 @@ def page(
 
     `compared` are the pictures that show all methods, `pictures` those of single runs.
     """
-    parts = ["<h2>Measured on</h2>", _data(runs[0]), "<h2>Results</h2>"]
-    parts += [_section(table) for table in measured]
+    parts = ["<h2>Measured on</h2>", measured_data(runs[0]), "<h2>Results</h2>"]
+    parts += [section(table) for table in measured]
     parts += [f"<h2>{html.escape(heading)}</h2>{picture.html()}" for heading, picture in curves.items()]
     parts.append('<h2>Published numbers, for comparison</h2><div class="published">')
-    parts += [_section(table) for table in published]
+    parts += [section(table) for table in published]
     parts.append("</div>")
     if compared:
         parts.append("<h2>Forecasts of the same windows</h2>")
@@ -107,25 +107,29 @@ def page(
         parts += [picture.html() for picture in pictures]
         parts.append("</details>")
     parts.append("<h2>Details</h2>")
-    parts += [_section(table) if len(table.rows) <= LONG else _folded(table) for table in appendix]
+    parts += [section(table) for table in appendix]
+    return document("Forecasts of occupancy, compared on the same windows", parts)
+
+
+def document(title: str, parts: Sequence[str]) -> str:
+    """A page of a `title` and HTML `parts` that needs nothing beside itself."""
     body = "\n".join(parts)
     return (
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f'<link rel="icon" href="data:,"><title>Forecast report</title><style>{STYLE}</style></head>\n'
-        f"<body>\n<h1>Forecasts of occupancy, compared on the same windows</h1>\n{body}\n</body></html>\n"
+        f'<link rel="icon" href="data:,"><title>{html.escape(title)}</title><style>{STYLE}</style></head>\n'
+        f"<body>\n<h1>{html.escape(title)}</h1>\n{body}\n</body></html>\n"
     )
 
 
-def _folded(table: Table) -> str:
-    return f"<details><summary>{html.escape(table.title)}</summary>\n{table.html()}</details>"
-
-
-def _section(table: Table) -> str:
+def section(table: Table) -> str:
+    """A table under its title; a long one is folded."""
+    if len(table.rows) > LONG:
+        return f"<details><summary>{html.escape(table.title)}</summary>\n{table.html()}</details>"
     return f"<h3>{html.escape(table.title)}</h3>\n{table.html()}"
 
 
-def _data(run: Run) -> str:
+def measured_data(run: Run) -> str:
     """What the runs were measured on."""
     data = run.data
     facts = {

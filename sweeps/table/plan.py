@@ -157,7 +157,7 @@ def make_plan(
     config = FitArguments([*base, "--data.store=."]).base  # the store is not read here
     judged = _judged(fit, config)
     runs = [
-        Run(f"{variant}_{kind}_seed{seed}", ("variants",), MAIN, (*options, *_seeded(variant, seed)))
+        Run(f"{variant}_{kind}_seed{seed}", ("variants",), MAIN, (*options, *seeded(variant, seed)))
         for variant in variants
         for kind, options in _kinds(base, judged, tuned.get(variant))
         for seed in seeds
@@ -167,7 +167,7 @@ def make_plan(
     runs.append(Run("moved_last_frame", groups, MAIN, ("--model=envpred.models.MovedLastFrame", *judged), False))
     for name in (name for name in switches if name in SWITCHES):
         switch = SWITCHES[name]
-        unchanged = (*base, *_seeded(switch.variant, seeds[0]))
+        unchanged = (*base, *seeded(switch.variant, seeds[0]))
         before = FitArguments([*unchanged, "--data.store=."])
         changes = switch.changes(before.base)
         if changes and all(before.values[argument] == value for argument, value in changes.items()):
@@ -182,7 +182,7 @@ def make_plan(
 
 def _rollout(name: str, row: Row, judged: list[str], config: Mapping[str, Any], seed: int) -> Run:
     """A row of the rollout."""
-    options = (*rollout_options(row, judged, config), *_seeded(STATIC, seed))
+    options = (*rollout_options(row, judged, config), *seeded(STATIC, seed))
     return Run(name, (ROLLOUT,), ROLLOUT, options, row.trains)
 
 
@@ -205,7 +205,8 @@ def _kinds(base: list[str], judged: list[str], tuned: Path | None) -> list[tuple
     return found
 
 
-def _seeded(variant: str, seed: int) -> tuple[str, ...]:
+def seeded(variant: str, seed: int) -> tuple[str, ...]:
+    """Options of an input variant, and of the seed of initial weights and training windows."""
     return f"--data.variant={variant}", f"--seed_everything={seed}", f"--data.seed={seed}"
 
 

@@ -162,7 +162,7 @@ def test_samples_and_batches(store: Path) -> None:
             "no window of 18 frames fits into c, whose longest stretch without a gap has 17",
         ),
         ({"test": ["d"]}, "names drive d, which the store does not hold; it has a, b, c"),
-        ({"split": "paper"}, "2011_09_26_drive_0005_sync"),
+        ({"split": "reference"}, "2011_09_26_drive_0005_sync"),
         ({"split": "custom", "train": ["a"]}, "leaves no drive to test"),
         ({"given": 0}, "--data.given 0"),
         ({"given": 20, "length": 20}, "--data.given 20"),

@@ -2,7 +2,7 @@ from pathlib import Path
 
 import pytest
 
-from envpred.datamodules.selection import PAPER_TEST, PAPER_VALIDATION, preset, select
+from envpred.datamodules.selection import REFERENCE_TEST, REFERENCE_VALIDATION, preset, select
 from envpred.errors import UserError
 from envpred.store import Store
 from tests.store.stores import write_store
@@ -18,8 +18,8 @@ def store(tmp_path: Path, drives: list[str], frames: int = 10) -> Store:
 
 def test_paper_split_names_its_drives(tmp_path: Path) -> None:
     others = ["2011_09_26_drive_0001_sync", "2011_09_28_drive_0002_sync"]
-    drives = store(tmp_path, [*PAPER_VALIDATION, *PAPER_TEST, *others]).drives
-    for name in ("paper", "auto"):
+    drives = store(tmp_path, [*REFERENCE_VALIDATION, *REFERENCE_TEST, *others]).drives
+    for name in ("reference", "auto"):
         split = preset(name, drives)
         assert names(split.train) == others
         assert set(names(split.val)) == {"2011_09_26_drive_0005_sync", "2011_09_26_drive_0014_sync"}
@@ -28,7 +28,7 @@ def test_paper_split_names_its_drives(tmp_path: Path) -> None:
 
 def test_paper_split_without_its_drives_is_refused(tmp_path: Path) -> None:
     with pytest.raises(UserError, match="2011_09_26_drive_0005_sync"):
-        preset("paper", store(tmp_path, ["a"]).drives)
+        preset("reference", store(tmp_path, ["a"]).drives)
 
 
 @pytest.mark.parametrize(

@@ -78,7 +78,7 @@ def test_other_tables_pairs_and_models(all_runs: list[Path]) -> None:
     assert low < difference < high < 0
     assert first[8].bold
     assert "30 windows of 10 drives" in table.caption
-    models = models_table(runs)
+    models = models_table(runs, all_runs[0].parent / "report")
     assert [cell.plain() for cell in models.rows[0]] == [
         "prednet (dst_static)",
         "learned",
@@ -87,6 +87,7 @@ def test_other_tables_pairs_and_models(all_runs: list[Path]) -> None:
         "4.0",
         "3",
         "0123456789ab",
+        f"../{all_runs[0].name}",
         "envpred test --config configs/model/prednet.yaml --data.variant dst_static",
     ]
     assert models.rows[4][3].plain() == "–"

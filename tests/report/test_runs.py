@@ -66,7 +66,7 @@ def cut_horizons(record: Record) -> None:
 
 MIXED = {
     "other grids .built again since": told("store_hash", "other"),
-    "other split: paper against auto": told("split", "paper"),
+    "other split: reference against auto": told("split", "reference"),
     "other number of frames shown: 4 against 5": told("given", 4),
     "other window length: 25 against 20": told("length", 25),
     "other test drives": told("drives", ["drive_c"]),

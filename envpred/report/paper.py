@@ -1,0 +1,168 @@
+"""The page of the paper's results: its tables, figures and conclusions, each beside what was published."""
+
+import html
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from envpred.horizons import in_seconds
+from envpred.pictures.forecasts import Camera, scene_strip
+from envpred.pictures.grids import save
+from envpred.report.contrasts import AGAINST_STATIC, EVIDENCE, VELOCITIES, planned
+from envpred.report.curves import error_curves
+from envpred.report.details import comparisons_table, models_table
+from envpred.report.page import Picture, document, measured_data, section
+from envpred.report.pictures import compared_scenes
+from envpred.report.ratios import ratio_table
+from envpred.report.run import Run
+from envpred.report.runs import read_runs
+from envpred.report.seeds import average_seeds, seeds_table
+from envpred.report.statistics import Comparison, Contrast, compare
+from envpred.report.table import Cell, Table
+from envpred.report.tables import (
+    FACTOR,
+    PREDNET,
+    UNIT,
+    few_drives_note,
+    measured_on,
+    methods,
+    methods_table,
+    published_table,
+    shown_columns,
+    variants_table,
+)
+
+PAGE = "paper.html"
+AGAINST_FCN = "better than the FCN?"
+AGAINST_PARTICLE = "better than the particle filter?"
+# What the paper's results say, by the question that tests it: its claim, and the sign of first - second that agrees.
+CLAIMS = {
+    AGAINST_STATIC: ("PredNet forecasts better than the last grid shown does", -1),
+    AGAINST_FCN: ("PredNet forecasts better than the FCN", -1),
+    AGAINST_PARTICLE: ("PredNet forecasts better than the particle filter", -1),
+    EVIDENCE: ("evidence (DST) serves PredNet better than probability", -1),
+    VELOCITIES: ("velocities (DOGMa) serve PredNet better than static grids", 1),
+}
+FIGURES = {
+    "ground": "Ground segmentation",
+    "dogma": "Dynamic occupancy grid map",
+}
+
+
+def contrasts(runs: Sequence[Run]) -> list[Contrast]:
+    """What the paper's results compare, and the planned comparisons among the other methods."""
+    found = planned(runs)
+    ours = [run.label for run in runs if run.name == PREDNET]
+    for question, others in (
+        (AGAINST_FCN, [run.label for run in runs if run.name == "fcn"]),
+        (AGAINST_PARTICLE, [run.label for run in runs if run.role == "particle"]),
+    ):
+        found += [Contrast(label, other, question) for other in others for label in ours]
+    return found
+
+
+def conclusions_table(runs: Sequence[Run], compared: Sequence[Comparison]) -> Table:
+    """What becomes of each conclusion of the paper on these windows, at each shown horizon."""
+    names = {run.label for run in runs if run.name == PREDNET}
+    rows = []
+    for question, (claim, sign) in CLAIMS.items():
+        asked = [c for c in compared if c.contrast.question == question and c.contrast.first in names]
+        for contrast in dict.fromkeys(c.contrast for c in asked):
+            cells = [_told(c, sign) for c in asked if c.contrast == contrast]
+            rows.append([Cell(claim), Cell(f"{contrast.first} - {contrast.second}"), *cells])
+    caption = (
+        f"Difference of MSE {UNIT} with its 95 % interval over drives, {measured_on(runs[0])}. Holds: it has the sign "
+        "that the paper reports, and the test over drives, corrected for all planned comparisons, refuses equality; "
+        f"contrary: the other sign, likewise; open: neither.{few_drives_note(runs[0])}"
+    )
+    heads = [in_seconds(runs[0].horizon_s[h]) for h in shown_columns(runs[0])]
+    return Table("conclusions", "The paper's conclusions", caption, ["conclusion", "difference", *heads], rows)
+
+
+def _told(found: Comparison, sign: int) -> Cell:
+    difference, low, high = (FACTOR * value for value in (found.difference, found.low, found.high))
+    spread = f" [{low:.1f}, {high:.1f}]" if np.isfinite(low) else ""
+    verdict = "open"
+    if found.significant():
+        verdict = "holds" if sign * difference > 0 else "contrary"
+    return Cell(f"{difference:+.1f}{spread} {verdict}", bold=verdict != "open")
+
+
+def paper_page(
+    results: Sequence[Path],
+    out: Path,
+    figures: Mapping[str, tuple[Path, str]],
+    cameras: Mapping[str, Camera | None],
+    about: Sequence[str],
+) -> Path:
+    """Write the page of the paper's results into `out`; returns it.
+
+    Args:
+        results: of the runs, of the same test windows.
+        out: folder.
+        figures: files of the `FIGURES`, and what is on them.
+        cameras: the camera's pictures, by drive.
+        about: paragraphs that say how it was made.
+
+    Raises:
+        UserError: as `read_runs`.
+    """
+    read = read_runs(results)
+    runs = average_seeds(read)
+    values = methods(runs)
+    told = {label: measured.per_window for label, measured in values.items() if measured.per_window is not None}
+    compared = compare(told, runs[0].drives, contrasts(runs), shown_columns(runs[0]))
+    tables = {
+        "ours": variants_table(runs, compared),
+        "published": published_table(),
+        "conclusions": conclusions_table(runs, compared),
+        "methods": methods_table(runs, compared),
+        "ratios": ratio_table(runs),
+        "seeds": seeds_table(read),
+        "comparisons": comparisons_table(runs, compared),
+        "models": models_table(read, out),
+    }
+    out.mkdir(parents=True, exist_ok=True)
+    for table in tables.values():
+        if table is not None:
+            for ending, text in (("md", table.markdown()), ("csv", table.csv()), ("tex", table.latex())):
+                (out / f"{table.name}.{ending}").write_text(text)
+    curves = error_curves(runs)
+    save(curves, out / "error.pdf")
+    parts = ["<h2>Measured on</h2>", measured_data(runs[0]), *(f"<p>{html.escape(text)}</p>" for text in about)]
+    parts += ["<h2>Table I: PredNet by input variant</h2>", _table(tables["ours"])]
+    parts += ['<div class="published">', _table(tables["published"]), "</div>"]
+    parts += ["<h2>Error over the horizon</h2>"]
+    parts.append(Picture.read(save(curves, out / "error.png"), _ERROR).html())
+    parts += ["<h2>Forecasts</h2>", *(picture.html() for picture in _strips(read, out, cameras))]
+    parts += ["<h2>What becomes of the paper's conclusions</h2>", _table(tables["conclusions"])]
+    for name, heading in FIGURES.items():
+        if name in figures:
+            file, caption = figures[name]
+            parts += [f"<h2>{heading}</h2>", Picture.read(file, caption).html()]
+    parts += ["<h2>All methods</h2>", *(_table(tables[name]) for name in ("methods", "ratios", "seeds"))]
+    parts += ["<h2>Details</h2>", *(_table(tables[name]) for name in ("comparisons", "models"))]
+    (out / PAGE).write_text(document("Dynamic environment prediction: the paper's results, measured again", parts))
+    return out / PAGE
+
+
+_ERROR = (
+    "Left, measured here, with bands of one standard error over drives; right, as published, on other drives and with "
+    "standard errors over windows."
+)
+
+
+def _table(table: Table | None) -> str:
+    return "" if table is None else section(table)
+
+
+def _strips(runs: Sequence[Run], out: Path, cameras: Mapping[str, Camera | None]) -> list[Picture]:
+    """The qualitative figure of every window that all runs drew: camera, target, and what each method forecast."""
+    pictures = []
+    for n, scene in enumerate(compared_scenes(runs)):
+        fig = scene_strip(scene, camera=cameras.get(scene.drive))
+        save(fig, out / f"window_{n}.pdf")
+        caption = f"{scene.where}: camera, target and forecasts; what moves is circled."
+        pictures.append(Picture.read(save(fig, out / f"window_{n}.png"), caption))
+    return pictures
