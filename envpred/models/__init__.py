@@ -1,6 +1,6 @@
 """Forecasters: LightningModules that share one `validate` and one `test`, and differ in how they train."""
 
-from envpred.models.baselines import LastFrame, MovedLastFrame, MovedLastFrameOracle, ParticleForecast
+from envpred.models.baselines import LastFrame, MovedLastFrame, MovedLastFrameOracle, MovedParticles, ParticleForecast
 from envpred.models.corrected_rollout import CorrectedRolloutForecaster
 from envpred.models.fcn import FCNForecaster
 from envpred.models.forecaster import Forecaster
@@ -14,6 +14,7 @@ __all__ = [
     "LastFrame",
     "MovedLastFrame",
     "MovedLastFrameOracle",
+    "MovedParticles",
     "ParticleForecast",
     "PredNetForecaster",
     "RolloutForecaster",

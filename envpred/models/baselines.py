@@ -1,11 +1,14 @@
 """Forecasters without parameters, for comparison; they run through the same `validate` and `test`."""
 
 from abc import abstractmethod
+from typing import ClassVar
 
 import torch
 from torch import Tensor
 
-from envpred.datamodules import Forecast, Needs, Seen
+from envpred.datamodules import Forecast, Needs, Role, Seen
+from envpred.errors import UserError
+from envpred.mapping.dogma import is_moving
 from envpred.mapping.ego_motion import extrapolate
 from envpred.mapping.shift import shifted_tensor
 from envpred.models.forecaster import Forecaster
@@ -39,7 +42,12 @@ class ParticleForecast(Forecaster):
         return self.dataset.shape_of("particle_forecast")[0]  # as many as the store keeps
 
     def forecast(self, seen: Seen, horizons: int) -> Forecast:
-        return Forecast(seen["arrays"]["particle_forecast"][:, -1, :horizons].float() / 255)
+        return Forecast(_particles(seen, horizons))
+
+
+def _particles(seen: Seen, horizons: int) -> Tensor:
+    """The particle filter's forecast (B, horizons, H, W) of the last frame shown."""
+    return seen["arrays"]["particle_forecast"][:, -1, :horizons].float() / 255
 
 
 class _Moved(Forecaster):
@@ -69,9 +77,13 @@ class _Moved(Forecaster):
             self.fill = self.dataset.training_mean()
         self.hparams["filled_with"] = "frames shown" if self.fill is None else self.fill  # for the result to say
 
+    def last(self, seen: Seen) -> Tensor:
+        """What is moved: the probability (B, H, W) of the last frame shown."""
+        return seen["occupancy"][:, -1]
+
     def forecast(self, seen: Seen, horizons: int) -> Forecast:
         shift = self.centres(seen, horizons) - seen["centre_cell"][:, -1:]
-        last = seen["occupancy"][:, -1]
+        last = self.last(seen)
         fill = seen["occupancy"].mean((1, 2, 3)) if self.fill is None else last.new_full((len(last),), self.fill)
         moved = [
             torch.stack([shifted_tensor(grid, by, float(value)) for by in shifts])
@@ -83,11 +95,44 @@ class _Moved(Forecaster):
 class MovedLastFrame(_Moved):
     """Moved by the ego's constant speed and turn rate over the frames shown: what the ego's own motion explains."""
 
-    role = "moved"
+    role: ClassVar[Role] = "moved"
 
     def centres(self, seen: Seen, horizons: int) -> Tensor:
         future = extrapolate(seen["pose"].double(), horizons)
         return torch.floor(future[..., :2] + 0.5).to(seen["centre_cell"].dtype)
+
+
+class MovedParticles(MovedLastFrame):
+    """What stands is moved by the ego's motion, what moves is carried on by the particle filter.
+
+    The particle forecast alone knows nothing of what stands, and is judged as if that were free.  Here cells that the
+    filter finds to move are taken out of the last frame, whose rest is moved as `MovedLastFrame` does, and the particle
+    forecast is put over it.
+    """
+
+    needs = Needs(arrays=("particle_forecast", "velocity", "velocity_cov"))
+    role = "particle"
+
+    @property
+    def reachable(self) -> int:
+        return self.dataset.shape_of("particle_forecast")[0]
+
+    def setup(self, stage: str) -> None:
+        super().setup(stage)
+        if self.dataset.velocity_frame() != "ego":
+            raise UserError(
+                f"{self.dataset.store}: its velocities are relative to the ground, so that its particle forecasts lie "
+                "in the last grid shown; give a store with velocities relative to the ego (`envpred grids "
+                "--particle_forecast all`)"
+            )
+
+    def last(self, seen: Seen) -> Tensor:
+        velocity, covariance = (seen["arrays"][name][:, -1].float() for name in ("velocity", "velocity_cov"))
+        return super().last(seen).masked_fill(is_moving(velocity, covariance), 0)
+
+    def forecast(self, seen: Seen, horizons: int) -> Forecast:
+        stands = super().forecast(seen, horizons).probability
+        return Forecast(torch.maximum(stands, _particles(seen, horizons)))
 
 
 class MovedLastFrameOracle(_Moved):

@@ -56,7 +56,7 @@ def contrasts(runs: Sequence[Run]) -> list[Contrast]:
     ours = [run.label for run in runs if run.name == PREDNET]
     for question, others in (
         (AGAINST_FCN, [run.label for run in runs if run.name == "fcn"]),
-        (AGAINST_PARTICLE, [run.label for run in runs if run.role == "particle"]),
+        (AGAINST_PARTICLE, [run.label for run in runs if run.name == "particle_forecast"]),
     ):
         found += [Contrast(label, other, question) for other in others for label in ours]
     return found

@@ -15,6 +15,7 @@ BASELINES = {
     "last_frame": "last_frame",
     "particle_forecast": "particle_forecast",
     "moved_last_frame": "moved_last_frame",
+    "moved_particles": "moved_particles",
     "rollout": "rollout_static",
 }
 

@@ -8,9 +8,10 @@ import torch
 
 from envpred.datamodules import Seen
 from envpred.errors import UserError
-from envpred.models import FCNForecaster, MovedLastFrame, MovedLastFrameOracle
+from envpred.models import FCNForecaster, MovedLastFrame, MovedLastFrameOracle, MovedParticles
 from envpred.results.result import RESULT
 from tests.models.trainers import grids, seen, trainer
+from tests.store.stores import write_store
 
 
 def shown(centres: list[list[int]], occupancy: torch.Tensor, given: int) -> Seen:
@@ -34,6 +35,38 @@ def test_a_world_at_rest_is_forecast_exactly_but_for_what_enters() -> None:
     for h in range(3):
         torch.testing.assert_close(forecast[h, : 8 - (h + 1)], frames[3 + h, : 8 - (h + 1)])
         assert (forecast[h, 8 - (h + 1) :] == 0.25).all()
+
+
+def test_movers_are_carried_on_and_what_stands_is_moved() -> None:
+    """A wall and a car: the car's cell is emptied, and stands where the particles say; the wall slides past."""
+    frames = torch.zeros(3, 8, 8)
+    frames[:, 6, 1], frames[:, 3, 4] = 0.9, 0.8  # wall and car in the last frame shown
+    velocity, forecast = torch.zeros(1, 3, 2, 8, 8), torch.zeros(1, 3, 2, 8, 8, dtype=torch.uint8)
+    velocity[0, 2, 0, 3, 4] = 10.0
+    forecast[0, 2, 0, 4, 4] = forecast[0, 2, 1, 6, 4] = 204
+    covariance = torch.zeros(1, 3, 3, 8, 8)
+    covariance[:, :, [0, 2]] = 0.1
+    window = shown([[t, 4] for t in range(5)], frames, 3)
+    window["arrays"] = {"velocity": velocity, "velocity_cov": covariance, "particle_forecast": forecast}
+    first, second = MovedParticles(given=3, fill=0.25).forecast(window, 2).probability[0]
+    assert first[5, 1] == second[4, 1] == 0.9
+    assert first[2, 4] == second[1, 4] == 0  # where the car would be, if it stood
+    assert first[4, 4] == pytest.approx(0.8)
+    assert second[6, 4] == pytest.approx(0.8)
+    assert (first[7] == 0.25).all()
+
+
+def test_particles_relative_to_the_ground_are_refused(tmp_path: Path) -> None:
+    store = write_store(tmp_path / "grids", {name: list(range(12)) for name in "abc"}, dogma=True, frame="ground")
+    with pytest.raises(UserError, match=r"relative to the ground.*--particle_forecast all"):
+        trainer(tmp_path).test(MovedParticles(given=3), datamodule=grids(store), verbose=False)
+
+
+def test_moved_particles_are_tested_like_all_others(tmp_path: Path) -> None:
+    store = write_store(tmp_path / "grids", {name: list(range(12)) for name in "abc"}, dogma=True)
+    trainer(tmp_path).test(MovedParticles(given=3), datamodule=grids(store), verbose=False)
+    result = json.loads((tmp_path / RESULT).read_text())
+    assert (result["model"]["name"], result["role"]) == ("moved_particles", "particle")
 
 
 def test_a_grid_that_leaves_entirely_is_all_fill() -> None:
