@@ -1,15 +1,16 @@
 # Every target works on a fresh machine: it makes the virtual environment it needs.
 # PYTHON: any Python from 3.11 on.  VENV: where the environment lies.  OLDEST: where that of the
 # oldest releases lies, whose torch brings CUDA's libraries along on Linux (6 GB on the disk).
-# KITTI: a folder of real drives for the demo; without it the demo simulates its own.
+# KITTI: a folder of real drives for the demo and the paper; without it they simulate their own.
 PYTHON ?= python3
 VENV ?= .venv
 OLDEST ?= .venv-oldest
 DEMO ?= demo
+PAPER ?= paper
 KITTI ?=
 BIN := $(VENV)/bin
 
-.PHONY: install test slow messages oldest lint bench demo clean
+.PHONY: install test slow messages oldest lint bench paper demo clean
 
 install: $(VENV)/.installed
 
@@ -49,6 +50,10 @@ bench: install
 	$(BIN)/python -m benchmarks.datamodule
 	$(BIN)/python -m benchmarks.prednet --threads 2
 	$(BIN)/python -m benchmarks.particles --threads 2
+
+# The paper's tables and figures, on simulated drives or on those in KITTI.
+paper: install
+	$(BIN)/envpred paper --out "$(PAPER)" $(if $(KITTI),--source "$(KITTI)")
 
 demo: install
 	PATH="$(abspath $(BIN)):$$PATH" DEMO="$(DEMO)" KITTI="$(KITTI)" bash demo.sh
