@@ -38,7 +38,7 @@ class Preset:
 
 
 PRESETS = {
-    "demo": Preset("demo", "demo_fcn", drives=30, frames=60),
+    "demo": Preset("demo", "demo_fcn", drives=40, frames=45),
     "small": Preset("prednet_small", "fcn_small"),
     "full": Preset("prednet", "fcn"),
 }

@@ -54,7 +54,7 @@ def test_what_cannot_be_is_refused_before_anything_is_written(
 def test_dry_run_writes_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     module.main(["--out", str(tmp_path / "out"), "--dry_run"])
     said = capsys.readouterr().out
-    assert "30 of 60 frames are simulated" in said
+    assert "40 of 45 frames are simulated" in said
     assert "train and test: prednet_prob_dogma_seed0" in said
     assert "test: rollout" in said
     assert not (tmp_path / "out").exists()
