@@ -1,8 +1,5 @@
 """Writes the forecasts of `envpred predict` into a folder that is there whole or not at all."""
 
-import glob
-import os
-import platform
 import zlib
 from collections.abc import Sequence
 from pathlib import Path
@@ -20,7 +17,7 @@ from envpred.models import Forecaster
 from envpred.results.predictions import FORMAT, WHAT, drive_entry, window_entry
 from envpred.store import MANIFEST, sweep
 from envpred.store.files import write_json
-from envpred.store.parts import discard, make_part, unmark
+from envpred.store.parts import Part, begin
 
 
 class PredictionWriter(BasePredictionWriter):
@@ -35,7 +32,8 @@ class PredictionWriter(BasePredictionWriter):
         super().__init__("batch")
         self.folder, self.dtype = folder, np.dtype(dtype)
         self.out: Path | None = None
-        self.part: Path | None = None
+        self.part: Path | None = None  # where all processes write
+        self.own: Part | None = None  # what one of them has made for it
         self.entries: dict[int, dict[str, Any]] = {}
 
     def setup(self, trainer: Trainer, pl_module: LightningModule, stage: str) -> None:
@@ -47,17 +45,16 @@ class PredictionWriter(BasePredictionWriter):
         self.out = self.folder or run / "predictions"
         if self.out.exists() and not (self.out.is_dir() and not any(self.out.iterdir())):
             raise UserError(f"{self.out}: holds files already; give a new or an empty folder as --predictions.folder")
-        part = self.out.absolute().parent / f".part-{self.out.name}-{platform.node()}-{os.getpid()}"
-        self.part = trainer.strategy.broadcast(part)
         self.entries = {}
         if trainer.is_global_zero:
+            place = self.out.absolute()
             try:
-                part.parent.mkdir(parents=True, exist_ok=True)
-                sweep(part.parent, glob.escape(self.out.name))
-                make_part(part)
+                place.parent.mkdir(parents=True, exist_ok=True)
+                sweep(place.parent, place.name)
+                self.own = begin(place)
             except OSError as error:
                 raise UserError(f"{self.out}: cannot be written ({error.strerror}); give another folder") from None
-        trainer.strategy.barrier()
+        self.part = trainer.strategy.broadcast(self.own.folder if self.own is not None else None)
 
     def write_on_batch_end(
         self,
@@ -90,7 +87,7 @@ class PredictionWriter(BasePredictionWriter):
         if self.part is None or self.out is None or not isinstance(pl_module, Forecaster):
             return
         entries = _gathered(self.entries)
-        if trainer.is_global_zero:
+        if self.own is not None:
             about = provenance(pl_module, "predict")
             del about["data"]["windows"]  # the list below says more
             places = pl_module.dataset.datasets["predict"].places
@@ -104,16 +101,15 @@ class PredictionWriter(BasePredictionWriter):
                 "windows": [entries[k] for k in sorted(entries)],
             }
             write_json(self.part / MANIFEST, manifest)
-            unmark(self.part)
-            os.replace(self.part, self.out)  # over an empty folder too
+            self.own.publish(self.out)
             rank_zero_info(f"predictions: {len(entries)} windows in {self.out}")
-        self.part = None
+        self.part = self.own = None
 
     def on_exception(self, trainer: Trainer, pl_module: LightningModule, exception: BaseException) -> None:
         """Leave nothing half done behind."""
-        if self.part is not None and trainer.is_global_zero:
-            discard(self.part)
-        self.part = None
+        if self.own is not None:
+            self.own.discard()
+        self.part = self.own = None
 
 
 def _gathered(entries: dict[int, dict[str, Any]]) -> dict[int, dict[str, Any]]:

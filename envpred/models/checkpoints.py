@@ -1,6 +1,5 @@
 """Checkpoints: the best of each training stage, and reading them as weights only."""
 
-import glob
 import os
 import pickle
 from collections.abc import Mapping
@@ -52,8 +51,6 @@ class OwnFiles(TorchCheckpointIO):
             return
         file = Path(path)
         file.parent.mkdir(parents=True, exist_ok=True)
-        for left in file.parent.glob(f".*-{glob.escape(file.name)}"):  # a folder has one writer at a time
-            left.unlink()
         with replaced(file) as part:
             torch.save(checkpoint, part)
 

@@ -1,6 +1,8 @@
 """Grids on disk: a folder a drive, plain `.npy` files, and a manifest that is written last.
 
     store/store.json                 format, and for each group of arrays its parameters and their hash
+    store/.lock                      held while store.json or a drive's manifest is replaced
+    store/.part-...                  a drive or a file that is being written, see `parts`
     store/.checked.json              which files were compared with their checksums, see `checked`
     store/<drive>/manifest.json      frames, stretches, lattice, group -> hash, array -> file, dtype, shape, ...
     store/<drive>/<array>.npy        (<array>.1.npy after the array was built again: the manifest knows)
@@ -14,8 +16,9 @@ drive or none.
 from envpred.store.checked import check_content
 from envpred.store.files import FORMAT, MANIFEST, digest
 from envpred.store.groups import GROUPS, MAPPING_ARRAYS
+from envpred.store.parts import sweep
 from envpred.store.reading import Store, StoredDrive
-from envpred.store.writing import ArrayWriter, DriveWriter, sweep
+from envpred.store.writing import ArrayWriter, DriveWriter
 
 __all__ = [
     "FORMAT",

@@ -3,12 +3,14 @@
 import hashlib
 import json
 import os
+import zlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from envpred.errors import UserError
+from envpred.store.parts import begin, sweep
 
 FORMAT = 2
 MANIFEST = "manifest.json"
@@ -47,20 +49,32 @@ def inside(folder: Path, name: object, source: Path) -> Path:
     return file
 
 
+def checksum(file: Path, start: int = 0) -> int:
+    """The CRC-32 of the bytes of `file` from `start` on; read, not mapped, whose pages would stay in memory."""
+    found = 0
+    with file.open("rb") as handle:
+        handle.seek(start)
+        while block := handle.read(1 << 20):
+            found = zlib.crc32(block, found)
+    return found
+
+
 @contextmanager
 def replaced(file: Path) -> Iterator[Path]:
-    """A path beside `file` to write to, of the same ending; it takes the place of `file` in one step.
+    """A path near `file` to write to, of the same ending; it takes the place of `file` in one step.
 
-    If the block fails, `file` stays what it was and nothing else is left.
+    If the block fails, `file` stays what it was and nothing else is left; what a killed writer of `file` left, goes.
     """
-    part = file.with_name(f".{os.getpid()}-{file.name}")
+    sweep(file.parent, file.name)
+    part = begin(file)
+    new = part.folder / f"new{file.suffix}"
     try:
-        yield part
-        with part.open("rb") as written:
+        yield new
+        with new.open("rb") as written:
             os.fsync(written.fileno())
-        os.replace(part, file)
+        os.replace(new, file)
     finally:
-        part.unlink(missing_ok=True)
+        part.discard()
 
 
 def replace_text(file: Path, text: str) -> Path:

@@ -1,7 +1,6 @@
 """A store as its readers see it: the index with the parameters, and the finished drives."""
 
 import json
-import zlib
 from collections.abc import Iterable, Mapping
 from functools import cached_property
 from pathlib import Path
@@ -12,8 +11,9 @@ from numpy.typing import NDArray
 
 from envpred.errors import UserError
 from envpred.mapping.geometry import Body, FloatArray, GridSpec
-from envpred.store.files import FORMAT, MANIFEST, digest, flat, inside, read_json, write_json
+from envpred.store.files import FORMAT, MANIFEST, checksum, digest, flat, inside, read_json, write_json
 from envpred.store.groups import command, group_of
+from envpred.store.parts import alone
 
 
 class Store:
@@ -85,11 +85,28 @@ class Store:
             UserError: if a drive has the group with other parameters and `force` is not set, or this is no store.
         """
         key = digest(parameters)
+        if self._claimed(group, key):
+            return key
+        if not (self.folder / "store.json").exists() and self.folder.exists() and not _is_vacant(self.folder):
+            raise UserError(f"{self.folder}: holds other files and is no store; give an empty or a new folder")
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            with alone(self.folder):
+                self._claim(group, parameters, key, force)
+        except OSError as error:
+            raise UserError(
+                f"{self.folder}: cannot be written ({error.strerror}); make room or give another --store"
+            ) from None
+        return key
+
+    def _claimed(self, group: str, key: str) -> bool:
+        """Whether `group` is noted to be made with the parameters of that hash."""
+        return (self.folder / "store.json").exists() and self._index()["groups"].get(group, {}).get("hash") == key
+
+    def _claim(self, group: str, parameters: Mapping[str, Any], key: str, force: bool) -> None:
         index: dict[str, Any] = {"format": FORMAT, "groups": {}}
         if (self.folder / "store.json").exists():
             index = self._index()
-        elif self.folder.exists() and not _is_vacant(self.folder):
-            raise UserError(f"{self.folder}: holds other files and is no store; give an empty or a new folder")
         known = index["groups"].get(group)
         if known is not None and known["hash"] != key:
             # Where no drive is finished, as after a first build that failed, nothing was built with those.
@@ -100,17 +117,8 @@ class Store:
                     f"({_differences(known['parameters'], parameters)}); "
                     "give another store, or --force to build them again"
                 )
-            known = None
-        if known is None:
-            index["groups"][group] = {"hash": key, "parameters": parameters}
-            try:
-                self.folder.mkdir(parents=True, exist_ok=True)
-                write_json(self.folder / "store.json", index)
-            except OSError as error:
-                raise UserError(
-                    f"{self.folder}: cannot be written ({error.strerror}); make room or give another --store"
-                ) from None
-        return key
+        index["groups"][group] = {"hash": key, "parameters": parameters}
+        write_json(self.folder / "store.json", index)
 
     def _index(self) -> dict[str, Any]:
         file = self.folder / "store.json"
@@ -236,15 +244,8 @@ class StoredDrive:
             UserError: if it does not fit the manifest.
         """
         entry = self.manifest["arrays"][name]
-        header = self.array(name).offset
-        checksum = 0
-        # Read, not mapped: pages of a mapped array would stay in memory while the next are looked at.
-        with (self.folder / entry["file"]).open("rb") as handle:
-            handle.seek(header)
-            while block := handle.read(1 << 20):
-                checksum = zlib.crc32(block, checksum)
-        if checksum != entry["checksum"]:
-            file = self.folder / entry["file"]
+        file = self.folder / entry["file"]
+        if checksum(file, self.array(name).offset) != entry["checksum"]:
             raise UserError(f"{file}: its content has changed since it was built; {self._remedy}")
 
     @property

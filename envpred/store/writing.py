@@ -1,10 +1,7 @@
 """Writing a drive into a store so that it appears whole or not at all."""
 
 import contextlib
-import glob
 import os
-import platform
-import time
 import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -17,12 +14,10 @@ from numpy.typing import DTypeLike, NDArray
 
 from envpred import __version__
 from envpred.errors import UserError
-from envpred.store.files import FORMAT, MANIFEST, write_json
+from envpred.store.files import FORMAT, MANIFEST, checksum, write_json
 from envpred.store.groups import GROUPS
-from envpred.store.parts import discard, make_part, unmark
+from envpred.store.parts import Part, alone, begin, sweep
 from envpred.store.reading import StoredDrive
-
-SILENCE = 24 * 3600.0  # seconds
 
 
 @dataclass
@@ -44,7 +39,13 @@ class ArrayWriter:
             self._handle = self.file.open("wb")
             header = {"descr": self.dtype.str, "fortran_order": False, "shape": self.shape}
             np.lib.format.write_array_header_1_0(self._handle, header)
-        data = frame.astype(self.dtype, copy=False).tobytes()
+        frame = frame.astype(self.dtype, copy=False)
+        if frame.dtype.kind == "f" and not np.isfinite(frame).all():
+            raise UserError(
+                f"{self.file.stem}: frame {self.written} holds what is no finite number, so the drive is not kept; "
+                "look at its scan and pose"
+            )
+        data = frame.tobytes()
         self._handle.write(data)
         self.checksum = zlib.crc32(data, self.checksum)
         self.written += 1
@@ -55,11 +56,16 @@ class ArrayWriter:
             self.append(np.asarray(frame))
 
     def close(self) -> dict[str, Any]:
-        """Flush to the disk and return the array's entry of the manifest."""
+        """Flush to the disk and return the array's entry of the manifest.
+
+        Raises:
+            UserError: if the file is not the one that was written, whole.
+        """
         if self._handle is None or self.written != self.shape[0]:
             raise ValueError(f"{self.file.name}: {self.written} of {self.shape[0]} frames written")
         self._handle.flush()
         os.fsync(self._handle.fileno())
+        self._check(self._handle)
         self._handle.close()
         return {
             "file": self.file.name,
@@ -67,6 +73,18 @@ class ArrayWriter:
             "shape": list(self.shape),
             "checksum": self.checksum,
         }
+
+    def _check(self, handle: BinaryIO) -> None:
+        """Read back what was written."""
+        try:
+            found = np.load(self.file, mmap_mode="r", allow_pickle=False)
+            ours = os.path.samestat(os.fstat(handle.fileno()), self.file.stat())
+            whole = (found.shape, found.dtype) == (self.shape, self.dtype)
+            if ours and whole and checksum(self.file, found.offset) == self.checksum:
+                return
+        except (OSError, ValueError, EOFError):
+            pass
+        raise UserError(f"{self.file}: was removed or changed while it was written; run again")
 
     def abandon(self) -> None:
         """Let go of the file without a word about its content, also when the disk takes no more of it."""
@@ -102,32 +120,38 @@ class DriveWriter:
         self.folder, self.group, self.about = store / drive, group, about
         self.keys = {group: key, **(beside or {})}
         self.base = None if group == "mapping" else StoredDrive(self.folder).manifest["groups"]["mapping"]
-        self.part = store / f".part-{drive}-{platform.node()}-{os.getpid()}"
+        self.part: Part | None = None
         self.writers: dict[str, ArrayWriter] = {}
         self.groups: dict[str, str] = {}
 
     def add(self, name: str, dtype: DTypeLike, shape: tuple[int, ...], group: str | None = None) -> ArrayWriter:
         """A writer for the array `name`, of one of the groups `beside` if that is given."""
-        self.writers[name] = ArrayWriter(self.part / f"{name}.npy", np.dtype(dtype), shape)
+        assert self.part is not None, "enter first"
+        self.writers[name] = ArrayWriter(self.part.folder / f"{name}.npy", np.dtype(dtype), shape)
         self.groups[name] = group or self.group
         return self.writers[name]
 
     def __enter__(self) -> Self:
-        sweep(self.part.parent, glob.escape(self.folder.name))
+        sweep(self.folder.parent, self.folder.name)
         self._check_place()
-        make_part(self.part)
+        self.part = begin(self.folder)
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        assert self.part is not None
         try:
             if kind is None:
-                self._publish()
+                entries = {
+                    name: {**writer.close(), "group": self.groups[name]} for name, writer in self.writers.items()
+                }
+                with alone(self.folder.parent):
+                    self._publish(self.part, entries)
         finally:
             for writer in self.writers.values():
                 writer.abandon()
-            discard(self.part)
+            self.part.discard()
 
     def _check_place(self) -> None:
         """Refuse to write over what is no drive of a store."""
@@ -139,15 +163,13 @@ class DriveWriter:
                 "away, or give another --store"
             )
 
-    def _publish(self) -> None:
-        entries = {name: {**writer.close(), "group": self.groups[name]} for name, writer in self.writers.items()}
+    def _publish(self, part: Part, entries: dict[str, dict[str, Any]]) -> None:
         if not (self.folder / MANIFEST).is_file():
             if self.base is not None:
                 raise UserError(f"{self.folder}: was removed while {self.group} was built; run again")
-            write_json(self.part / MANIFEST, self._manifest({}, entries))
+            write_json(part.folder / MANIFEST, self._manifest({}, entries))
             self._check_place()
-            unmark(self.part)
-            os.rename(self.part, self.folder)
+            part.publish(self.folder)
             return
         old = StoredDrive(self.folder).manifest
         if self.base not in (None, old["groups"]["mapping"]):
@@ -156,7 +178,7 @@ class DriveWriter:
         valid = {entry["file"] for entry in old["arrays"].values()}
         for name, entry in entries.items():
             entry["file"] = next(file for file in (f"{name}.npy", f"{name}.1.npy") if file not in valid)
-            os.replace(self.part / f"{name}.npy", self.folder / entry["file"])
+            os.replace(part.folder / f"{name}.npy", self.folder / entry["file"])
         manifest = self._manifest({} if self.group == "mapping" else old, entries)
         write_json(self.folder / MANIFEST, manifest)
         # What no manifest names any more, or never did as its writer was killed; other files are not ours to remove.
@@ -175,26 +197,3 @@ class DriveWriter:
             "arrays": {**others, **entries},
             "software": f"envpred {__version__}",
         }
-
-
-def sweep(store: Path, drive: str = "*") -> None:
-    """Remove parts of `drive` (by default of all) that killed builds left: those whose writer is no more."""
-    for part in store.glob(f".part-{drive}-*"):
-        node, _, pid = part.name.removeprefix(".part-").rpartition("-")
-        with contextlib.suppress(FileNotFoundError):  # its writer may be done with it at this moment
-            if node.endswith(f"-{platform.node()}") and pid.isdigit():
-                gone = not _alive(int(pid))
-            else:  # another machine's processes cannot be asked; no writer is silent for a day
-                gone = time.time() - max(file.stat().st_mtime for file in (part, *part.iterdir())) > SILENCE
-            if gone:
-                discard(part)
-
-
-def _alive(pid: int) -> bool:
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return False
-    except PermissionError:
-        return True
-    return pid != os.getpid()  # a part of our own number is left from an earlier life

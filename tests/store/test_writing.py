@@ -2,7 +2,6 @@
 
 import json
 import os
-import platform
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -11,8 +10,8 @@ import numpy as np
 import pytest
 
 from envpred.errors import UserError
-from envpred.store import MANIFEST, DriveWriter, Store, sweep, writing
-from envpred.store.parts import MARK, make_part
+from envpred.store import MANIFEST, DriveWriter, Store
+from envpred.store.parts import LOCK, MARK, Part
 from tests.remedies import remedy
 from tests.store.small import FRAMES, PARAMETERS, VELOCITY, label, write
 
@@ -40,7 +39,7 @@ def dies_before_manifest(monkeypatch: pytest.MonkeyPatch) -> Callable[[], None]:
             real(source, target)
 
         monkeypatch.setattr(os, "replace", replace)
-        monkeypatch.setattr(writing, "discard", lambda _: None)
+        monkeypatch.setattr(Part, "discard", lambda part: part.lock.release())
 
     return arm
 
@@ -60,8 +59,9 @@ def test_manifest_is_written_last_and_the_drive_appears_by_one_rename(
 
     monkeypatch.setattr(os, "rename", rename)
     write(tmp_path / "grids")
-    assert seen == [["label.npy", MANIFEST, "time.npy"]]
-    assert sorted(file.name for file in (tmp_path / "grids").iterdir()) == ["a", "store.json"]
+    assert seen == [[MARK, "label.npy", MANIFEST, "time.npy"]]
+    assert sorted(file.name for file in (tmp_path / "grids").iterdir()) == [LOCK, "a", "store.json"]
+    assert not (tmp_path / "grids" / "a" / MARK).exists()
 
 
 def test_failure_while_writing_leaves_nothing(tmp_path: Path) -> None:
@@ -74,7 +74,7 @@ def test_failure_while_writing_leaves_nothing(tmp_path: Path) -> None:
 
     with pytest.raises(KeyboardInterrupt):
         fail()
-    assert [file.name for file in tmp_path.iterdir()] == ["store.json"]
+    assert {file.name for file in tmp_path.iterdir()} == {LOCK, "store.json"}
 
 
 def test_too_few_frames_are_not_published(tmp_path: Path) -> None:
@@ -222,21 +222,30 @@ def test_foreign_files_beside_arrays_stay(store: Path) -> None:
     assert {file.name for file in (store / "a").iterdir()} == {"label.1.npy", "notes.npy", MANIFEST}
 
 
-def test_sweep_removes_parts_of_dead_writers_only(store: Path) -> None:
-    node = platform.node()
-    dead = 2**22 + 1  # above the largest process number that Linux gives
-    living = store / f".part-b-{node}-{os.getppid()}"
-    elsewhere = store / ".part-c-anothermachine-1"
-    forgotten = store / ".part-d-anothermachine-1"
-    foreign = store / f".part-e-{node}-{dead}"  # of such a name, and not marked
-    for part in (store / f".part-a-{node}-{dead}", living, elsewhere, forgotten, foreign):
-        make_part(part)
-        (part / "label.npy").write_bytes(b"half")
-    (foreign / MARK).unlink()
-    (store / f".part-f-{node}-{dead}").mkdir()  # its writer was killed before it could mark it
-    for file in (forgotten, *forgotten.iterdir()):
-        os.utime(file, (0, 0))
-    sweep(store)
-    assert {file.name for file in store.glob(".part-*")} == {living.name, elsewhere.name, foreign.name}
-    assert (foreign / "label.npy").exists()
+@pytest.mark.parametrize("how", ["cut", "removed", "replaced"])
+def test_an_array_that_is_not_what_was_written_is_not_published(store: Path, how: str) -> None:
+    """As where another process takes the part for one that was left, and writes its own drive in its place."""
+    large = np.ones((FRAMES, 128, 128), np.uint8)
+
+    def write_beside() -> None:
+        key = Store(store).claim("mapping", PARAMETERS)
+        with DriveWriter(store, "b", "mapping", key, {}) as out:
+            written = out.add("label", np.uint8, large.shape)
+            for frame in large:
+                if written.written == 2 and how == "cut":
+                    written.file.write_bytes(b"")  # what follows is written behind a hole
+                written.append(frame)
+            if how != "cut":
+                written.file.unlink()
+            if how == "replaced":
+                np.save(written.file, 1 - large)
+
+    with pytest.raises(UserError, match=r"label\.npy: was removed or changed while it was written; run again"):
+        write_beside()
     assert list(Store(store).drives) == ["a"]
+
+
+def test_what_is_no_number_is_not_published(store: Path) -> None:
+    with pytest.raises(UserError, match="velocity: frame 1 holds what is no finite number"):
+        write(store, group="dogma", key="k1", arrays={"velocity": np.where(np.arange(5) == 1, np.nan, VELOCITY.T).T})
+    assert not Store(store).drives["a"].has("velocity")
