@@ -3,14 +3,18 @@
 import logging
 import sys
 import warnings
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Any, TypeVar
 
 import torch
 from jsonargparse import Namespace
 from lightning.pytorch.cli import LightningArgumentParser, LightningCLI
+from lightning.pytorch.loggers import TensorBoardLogger
+from lightning.pytorch.utilities import rank_zero_only
 
 from envpred.callbacks import Baselines, Hyperparameters, Pictures, PredictionWriter, ResultWriter, Validations
+from envpred.cli.begun import clear, own_folder
 from envpred.cli.configs import portable
 from envpred.cli.endings import end_of_fit, end_of_test, end_of_validation
 from envpred.cli.help import DATA, RUN
@@ -96,6 +100,8 @@ class EnvpredCLI(LightningCLI):
         if options.trainer.logger in (None, True):
             place = self._place("fit" if self.subcommand is None else self.subcommand)
             run = self._resumed()
+            if self.subcommand == "fit":
+                rank_zero_only(clear)(place)
             if run is not None and run.parent == place.resolve() and name in (None, run.name):
                 name = run.name  # `place` stays as written: Lightning forgets the best where paths differ
                 warnings.filterwarnings("ignore", "Checkpoint directory .* exists and is not empty")
@@ -158,8 +164,14 @@ class EnvpredCLI(LightningCLI):
         )
 
     def _run_subcommand(self, subcommand: str) -> None:
-        with told_if_ended(self.trainer):
+        with self._own_folder(subcommand), told_if_ended(self.trainer):
             super()._run_subcommand(subcommand)
+
+    def _own_folder(self, subcommand: str) -> AbstractContextManager[None]:
+        """Keep other trainings out of the run's folder, if it is ours to choose and checkpoints say how far it came."""
+        logger = self.trainer.logger
+        kept = subcommand == "fit" and self.placed and self.trainer.checkpoint_callbacks and self.trainer.is_global_zero
+        return own_folder(Path(logger.log_dir)) if kept and isinstance(logger, TensorBoardLogger) else nullcontext()
 
     @property
     def _options(self) -> Namespace:

@@ -1,5 +1,6 @@
 """Trainings and tests that a signal ends: an exit code of their own, and one line that says how to go on."""
 
+import multiprocessing
 import os
 import signal
 import threading
@@ -9,11 +10,13 @@ from pathlib import Path
 
 import pytest
 import torch
+from filelock import FileLock
 
 from envpred.callbacks import Pictures
 from envpred.cli import main
 from envpred.models import PredNetForecaster
 from envpred.results.validations import read_validations
+from envpred.store.parts import LOCK
 from tests.store.stores import write_store
 
 RUN = Path("runs/fit/prednet/dst_static/version_0")
@@ -81,10 +84,40 @@ def test_ctrl_c_that_a_library_swallows_ends_a_training_too(
         return step(self, *batch)  # type: ignore[arg-type]
 
     monkeypatch.setattr(PredNetForecaster, "training_step", swallowing)
-    with pytest.raises(SystemExit) as stop:
-        main(["fit", *SMALL, *QUIET, "--data.samples=8", "--data.batch_size=1", "--model.t1_epochs=2"])
-    assert stop.value.code == 130
-    assert "after 0 of 102 epochs, before the first checkpoint; run the same command again" in capsys.readouterr().err
+    for _ in range(2):  # as it says: the same command again
+        with pytest.raises(SystemExit) as stop:
+            main(["fit", *SMALL, *QUIET, "--data.samples=8", "--data.batch_size=1", "--model.t1_epochs=2", "--name=a"])
+        assert stop.value.code == 130
+        line = "after 0 of 102 epochs, before the first checkpoint; run the same command again"
+        assert line in capsys.readouterr().err
+        assert list(RUN.parent.iterdir()) == []
+
+
+def test_a_training_that_was_killed_at_its_beginning_leaves_nothing_in_the_way(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    fit = ["fit", *SMALL, *QUIET, "--data.samples=2", "--model.t1_epochs=1", "--model.t5_epochs=0"]
+
+    def killed(*more: str) -> None:
+        with monkeypatch.context() as step:
+            step.setattr(PredNetForecaster, "training_step", lambda *_: os.kill(os.getpid(), signal.SIGKILL))
+            process = multiprocessing.get_context("fork").Process(target=main, args=([*fit, *more],))
+            process.start()
+            process.join()
+        assert process.exitcode == -signal.SIGKILL
+
+    killed()
+    killed("--name=mine")
+    assert {run.name for run in RUN.parent.iterdir()} == {"mine"}  # the next one has removed the first
+    (RUN.parent / "notes").mkdir()
+    (RUN.parent / "notes" / "thesis.txt").touch()
+    main([*fit, "--name=mine"])
+    assert {run.name for run in RUN.parent.iterdir()} == {"mine", "notes"}
+    assert (RUN.parent / "mine" / "checkpoints" / "last.ckpt").is_file()
+    assert not list(RUN.parent.rglob(LOCK))
+    with FileLock(RUN.parent / "mine" / LOCK), pytest.raises(SystemExit):
+        main([*fit, "--name=mine", "--ckpt_path=last", "--trainer.max_epochs=2"])
+    assert "mine: another process trains into it; wait for it" in capsys.readouterr().err
 
 
 def test_a_test_that_is_ended_is_no_success(
