@@ -1,6 +1,5 @@
 """A store as its readers see it: the index with the parameters, and the finished drives."""
 
-import json
 from collections.abc import Iterable, Mapping
 from functools import cached_property
 from pathlib import Path
@@ -11,9 +10,9 @@ from numpy.typing import NDArray
 
 from envpred.errors import UserError
 from envpred.mapping.geometry import Body, FloatArray, GridSpec
-from envpred.store.files import FORMAT, MANIFEST, checksum, digest, flat, inside, read_json, write_json
+from envpred.store.files import FORMAT, MANIFEST, checksum, digest, inside, read_json
 from envpred.store.groups import command, group_of
-from envpred.store.parts import alone
+from envpred.store.index import claim, differences, read_index
 
 
 class Store:
@@ -75,8 +74,15 @@ class Store:
                 if stale:
                     raise UserError(
                         f"{self.folder}: the {group} grids of {', '.join(stale)} were built with other parameters than "
-                        f"the store says; run `{command(self.folder, array)}` again, with the options they have now"
+                        f"the store says{self._told(group, stale[0])}; run `{command(self.folder, array)}` again, with "
+                        "the options they have now"
                     )
+
+    def _told(self, group: str, stale: str) -> str:
+        """What differs between the parameters of a drive and those of the store, where it is known."""
+        known = self._index()["groups"].get(group, {})
+        there = known.get("before", {}).get(self.drives[stale].manifest["groups"].get(group))
+        return "" if there is None else f" ({differences(there, known['parameters'], 'in the store')})"
 
     def claim(self, group: str, parameters: Mapping[str, Any], *, force: bool = False) -> str:
         """Note that `group` is made with `parameters` in this store, and return their hash.
@@ -84,52 +90,15 @@ class Store:
         Raises:
             UserError: if a drive has the group with other parameters and `force` is not set, or this is no store.
         """
-        key = digest(parameters)
-        if self._claimed(group, key):
-            return key
-        if not (self.folder / "store.json").exists() and self.folder.exists() and not _is_vacant(self.folder):
-            raise UserError(f"{self.folder}: holds other files and is no store; give an empty or a new folder")
-        try:
-            self.folder.mkdir(parents=True, exist_ok=True)
-            with alone(self.folder):
-                self._claim(group, parameters, key, force)
-        except OSError as error:
-            raise UserError(
-                f"{self.folder}: cannot be written ({error.strerror}); make room or give another --store"
-            ) from None
-        return key
+        # Where no drive is finished, as after a first build that failed, nothing was built with other ones.
+        return claim(self.folder, group, parameters, lambda: not force and self._has(group))
 
-    def _claimed(self, group: str, key: str) -> bool:
-        """Whether `group` is noted to be made with the parameters of that hash."""
-        return (self.folder / "store.json").exists() and self._index()["groups"].get(group, {}).get("hash") == key
-
-    def _claim(self, group: str, parameters: Mapping[str, Any], key: str, force: bool) -> None:
-        index: dict[str, Any] = {"format": FORMAT, "groups": {}}
-        if (self.folder / "store.json").exists():
-            index = self._index()
-        known = index["groups"].get(group)
-        if known is not None and known["hash"] != key:
-            # Where no drive is finished, as after a first build that failed, nothing was built with those.
-            built = any(group in drive.manifest["groups"] for drive in Store(self.folder).drives.values())
-            if built and not force:
-                raise UserError(
-                    f"{self.folder}: its {group} grids were built with other parameters "
-                    f"({_differences(known['parameters'], parameters)}); "
-                    "give another store, or --force to build them again"
-                )
-        index["groups"][group] = {"hash": key, "parameters": parameters}
-        write_json(self.folder / "store.json", index)
+    def _has(self, group: str) -> bool:
+        """Whether a drive has the group, as it is now."""
+        return any(group in drive.manifest["groups"] for drive in Store(self.folder).drives.values())
 
     def _index(self) -> dict[str, Any]:
-        file = self.folder / "store.json"
-        if not file.is_file():
-            raise UserError(f"{self.folder}: no store of grids (store.json is missing); build one with `envpred grids`")
-        index = read_json(file)
-        if index.get("format") != FORMAT:
-            raise UserError(
-                f"{file}: format {index.get('format')} is not {FORMAT}, which this version reads; build the store again"
-            )
-        return index
+        return read_index(self.folder)
 
 
 class StoredDrive:
@@ -138,6 +107,7 @@ class StoredDrive:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.name = folder.name
+        self._read_as: tuple[int, ...] | None = None
 
     @cached_property
     def manifest(self) -> dict[str, Any]:
@@ -147,6 +117,7 @@ class StoredDrive:
             UserError: if it cannot be read, or is of another format.
         """
         file = self.folder / MANIFEST
+        self._read_as = _identity(file)
         manifest = read_json(file)
         if manifest.get("format") != FORMAT:
             raise UserError(
@@ -210,7 +181,7 @@ class StoredDrive:
         """The array `name`, mapped read-only; pages are given back when the last view of it goes.
 
         Raises:
-            UserError: if the drive lacks it, or its file is damaged.
+            UserError: if the drive lacks it, its file is damaged, or it was built again since the manifest was read.
         """
         entry = self.manifest["arrays"].get(name)
         if entry is None:
@@ -223,10 +194,20 @@ class StoredDrive:
         try:
             array = np.load(file, mmap_mode="r", allow_pickle=False)
         except (OSError, ValueError, EOFError):
+            self._check_still(name)
             raise UserError(f"{file}: missing or damaged; {self._remedy}") from None
+        self._check_still(name)  # after it was opened: what a manifest names stays while it is the valid one
         if list(array.shape) != entry["shape"] or array.dtype.str != np.dtype(entry["dtype"]).str:
             raise UserError(f"{file}: {array.dtype}{array.shape} is not what its manifest says; {self._remedy}")
         return cast(np.memmap[Any, Any], array)
+
+    def _check_still(self, name: str) -> None:
+        """Refuse an array that was built again since the manifest was read."""
+        if _identity(self.folder / MANIFEST) == self._read_as:
+            return
+        now = StoredDrive(self.folder).manifest["arrays"].get(name)
+        if now != self.manifest["arrays"][name]:
+            raise UserError(f"{self.folder}: {name!r} was built again while it was read; run this command again")
 
     def verify(self) -> None:
         """Read every array and compare its checksum.
@@ -253,16 +234,10 @@ class StoredDrive:
         return f"delete {self.folder} and run `envpred grids` again"
 
 
-def _is_vacant(folder: Path) -> bool:
-    """Whether nothing but hidden files is in the way: those an interrupted program leaves."""
-    return folder.is_dir() and all(file.name.startswith(".") for file in folder.iterdir())
-
-
-def _differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> str:
-    """What differs between two sets of parameters, as `ground.cell 0.4 there, 0.5 asked`."""
-    there, asked = flat(json.loads(json.dumps(old))), flat(json.loads(json.dumps(new)))
-    return ", ".join(
-        f"{name} {there.get(name)} there, {asked.get(name)} asked"
-        for name in sorted({*there, *asked})
-        if there.get(name) != asked.get(name)
-    )
+def _identity(file: Path) -> tuple[int, ...] | None:
+    """What tells a file from one that has taken its place; None if there is none."""
+    try:
+        found = file.stat()
+    except OSError:
+        return None
+    return found.st_ino, found.st_mtime_ns, found.st_size

@@ -94,6 +94,20 @@ def test_other_parameters_are_refused(store: Path) -> None:
         build_dogma(store, SMALL, drives=["z"])
 
 
+def test_drives_of_two_sets_of_particles_are_not_read_together(store: Path) -> None:
+    build_dogma(store, SMALL, workers=1)
+    fewer = DogmaParameters(ParticleFilterParameters(persistent=1000, births=200))
+    build_dogma(store, fewer, drives=["a"], force=True, workers=1)
+    told = r"dogma grids of b were .* \(filter.persistent 2000 there, 1000 in the store\); run `envpred grids --store"
+    for drives in (["a", "b"], ["b", "a"]):
+        with pytest.raises(UserError, match=told):
+            GridDataModule(store, "dst_dogma", "custom", drives[:1], drives[1:], length=6, given=2).setup("fit")
+    build_dogma(store, fewer, workers=1)
+    build_dogma(store, SMALL, drives=["b"], force=True, workers=1)  # and back
+    with pytest.raises(UserError, match=r"of a were .* \(filter.persistent 1000 there, 2000 in the store\)"):
+        GridDataModule(store, "dst_dogma", test=["a", "b"], length=6, given=2).setup("test")
+
+
 def test_variants_read_what_was_built(store: Path) -> None:
     build_dogma(store, SMALL, workers=1)
     data = GridDataModule(store, "dst_dogma", length=6, given=2, test=["a"])

@@ -275,3 +275,18 @@ def test_every_variant_names_its_channels() -> None:
     for name, view in VARIANTS.items():
         assert view.evidential == name.startswith("dst")
         assert len(view.channels) == {"dst_static": 2, "prob_static": 1, "dst_dogma": 4, "prob_dogma": 3}[name]
+
+
+def test_grids_that_are_built_again_meanwhile_end_what_reads_them(store: Path) -> None:
+    """They would change what is trained on, and not the hash that is told of it."""
+    module = data(store)
+    module.setup("fit")
+    before, window = module.describe("train")["store_hash"], module.datasets["train"][0]
+    write_store(store, {"a": list(range(30))}, seed=1)
+    with pytest.raises(UserError, match=r"a: '\w+' was built again while it was read; run this command again"):
+        module.datasets["train"][0]
+    assert module.describe("train")["store_hash"] == before
+    again = data(store)
+    again.setup("fit")
+    assert again.describe("train")["store_hash"] != before
+    assert not torch.equal(again.datasets["train"][0]["seen"]["frames"], window["seen"]["frames"])

@@ -10,7 +10,7 @@ from envpred.cli.commands import verify
 from envpred.errors import UserError
 from envpred.mapping.geometry import Body, GridSpec
 from envpred.store import FORMAT, MANIFEST, Store, StoredDrive, digest
-from tests.store.small import PARAMETERS, label, write
+from tests.store.small import PARAMETERS, VELOCITY, label, write
 from tests.store.stores import write_store
 
 
@@ -157,3 +157,22 @@ def test_the_tests_own_store_has_both_grids(tmp_path: Path) -> None:
     assert (drive.grid.cells, drive.context, drive.period) == (8, GridSpec(16), 0.05)
     np.testing.assert_array_equal(drive.array("context_label")[:, 4:-4, 4:-4], drive.array("label"))
     assert drive.array("context_evidence").shape == (3, 2, 16, 16)
+
+
+@pytest.mark.parametrize("times", [1, 2])  # once its files have other names, twice the same again
+def test_what_is_built_again_while_it_is_read_is_told(store: Path, times: int) -> None:
+    drive = Store(store).drives["a"]
+    mapped = drive.array("label")
+    for seed in range(1, times + 1):
+        write(store, key="k2", arrays={"label": label(seed), "time": np.arange(5.0)})
+    np.testing.assert_array_equal(mapped, label())  # what is open stays as it was
+    with pytest.raises(UserError, match=r"a: 'label' was built again while it was read; run this command again"):
+        drive.array("label")
+    np.testing.assert_array_equal(Store(store).drives["a"].array("label"), label(times))
+
+
+def test_what_is_added_while_a_drive_is_read_does_not_matter(store: Path) -> None:
+    drive = Store(store).drives["a"]
+    drive.array("label")
+    write(store, group="dogma", key="k1", arrays={"velocity": VELOCITY})
+    np.testing.assert_array_equal(drive.array("label"), label())
