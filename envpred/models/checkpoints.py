@@ -10,9 +10,11 @@ import torch
 from lightning.fabric.plugins import TorchCheckpointIO
 from lightning.pytorch import LightningModule, Trainer
 from lightning.pytorch.callbacks import ModelCheckpoint
+from lightning.pytorch.utilities import rank_zero_info
 
 from envpred.datamodules import GridDataModule
 from envpred.errors import UserError
+from envpred.models import checksums
 from envpred.store.files import replaced
 
 
@@ -39,7 +41,7 @@ class StageCheckpoint(ModelCheckpoint):
 
 
 class OwnFiles(TorchCheckpointIO):
-    """Checkpoints as files that are replaced in one step; nothing but a file is ever removed.
+    """Checkpoints as files with a checksum that are replaced in one step; nothing but a file is ever removed.
 
     Lightning writes them where temporary files lie: from another disk than the target's they are copied, over the
     one before.
@@ -52,7 +54,13 @@ class OwnFiles(TorchCheckpointIO):
         file = Path(path)
         file.parent.mkdir(parents=True, exist_ok=True)
         with replaced(file) as part:
-            torch.save(checkpoint, part)
+            checksums.save(checkpoint, part)
+
+    def load_checkpoint(self, path: str | Path, *args: Any, **options: Any) -> dict[str, Any]:
+        if "://" not in str(path):
+            check_content(Path(path))
+        loaded: dict[str, Any] = super().load_checkpoint(path, *args, **options)
+        return loaded
 
     def remove_checkpoint(self, path: str | Path) -> None:
         if "://" in str(path):
@@ -97,19 +105,34 @@ def read_checkpoint(file: Path, device: torch.device | str = "cpu") -> dict[str,
     Raises:
         UserError: if the file is missing, damaged, no checkpoint, or holds more than weights.
     """
+    summed = check_content(file)
     try:
         checkpoint = torch.load(file, map_location=device, weights_only=True)
-    except FileNotFoundError:
-        raise UserError(
-            f"{file}: no such checkpoint; `envpred fit` writes them into its run's folder checkpoints/"
-        ) from None
     except pickle.UnpicklingError:
         raise UserError(f"{file}: holds more than weights, so it is not loaded; give a checkpoint of envpred") from None
     except (OSError, RuntimeError, EOFError, ValueError):
         raise UserError(f"{file}: damaged or no checkpoint; {_another(file)}") from None
     if not isinstance(checkpoint, dict) or "state_dict" not in checkpoint:
         raise UserError(f"{file}: no checkpoint of a forecaster; give one that `envpred fit` wrote")
+    if not summed:
+        rank_zero_info(f"{file}: carries no checksum, so damage to its weights would not be noticed")
     return checkpoint
+
+
+def check_content(file: Path) -> bool:
+    """Refuse a checkpoint that has changed since it was saved; returns whether that can be told.
+
+    Raises:
+        UserError: if it is missing or damaged.
+    """
+    try:
+        return checksums.check(file)
+    except FileNotFoundError:
+        raise UserError(
+            f"{file}: no such checkpoint; `envpred fit` writes them into its run's folder checkpoints/"
+        ) from None
+    except (OSError, ValueError):
+        raise UserError(f"{file}: damaged or no checkpoint; {_another(file)}") from None
 
 
 def check_grids(trained: Mapping[str, Any], dataset: GridDataModule, context: bool) -> None:
@@ -132,6 +155,7 @@ def _another(damaged: Path) -> str:
     written = sorted(damaged.parent.glob("*.ckpt"), key=lambda file: file.stat().st_mtime_ns, reverse=True)
     for file in (file for file in written if file.name != damaged.name):
         try:
+            checksums.check(file)
             torch.load(file, "meta", weights_only=True)
         except (OSError, RuntimeError, EOFError, ValueError, pickle.UnpicklingError):
             continue

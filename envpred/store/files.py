@@ -49,13 +49,13 @@ def inside(folder: Path, name: object, source: Path) -> Path:
     return file
 
 
-def checksum(file: Path, start: int = 0) -> int:
-    """The CRC-32 of the bytes of `file` from `start` on; read, not mapped, whose pages would stay in memory."""
-    found = 0
+def checksum(file: Path, start: int = 0, stop: int | None = None) -> int:
+    """The CRC-32 of the bytes of `file` from `start` to `stop`; read, not mapped, whose pages would stay in memory."""
+    found, left = 0, (file.stat().st_size if stop is None else stop) - start
     with file.open("rb") as handle:
         handle.seek(start)
-        while block := handle.read(1 << 20):
-            found = zlib.crc32(block, found)
+        while left > 0 and (block := handle.read(min(left, 1 << 20))):
+            found, left = zlib.crc32(block, found), left - len(block)
     return found
 
 

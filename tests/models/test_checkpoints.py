@@ -7,11 +7,14 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import torch
 
 from envpred.errors import UserError
-from envpred.models.checkpoints import read_checkpoint
+from envpred.models import checksums
+from envpred.models.checkpoints import OwnFiles, read_checkpoint
+from envpred.store.files import checksum
 from tests.models.test_prednet import best
 from tests.models.trainers import grids, prednet, trainer
 
@@ -99,3 +102,68 @@ def test_the_advice_names_a_checkpoint_that_loads(tmp_path: Path) -> None:
     (tmp_path / "best.ckpt").unlink()
     with pytest.raises(UserError, match="train it again"):
         read_checkpoint(tmp_path / "last.ckpt")
+
+
+def flipped(data: bytes, bit: int) -> bytes:
+    changed = bytearray(data)
+    changed[bit // 8] ^= 1 << bit % 8
+    return bytes(changed)
+
+
+def test_a_flipped_bit_anywhere_is_one_line(store: Path, tmp_path: Path) -> None:
+    """In weights, in what says where they lie, in the checksum itself, and in what fills the gaps between."""
+    run = trainer(tmp_path, max_epochs=1)
+    run.fit(prednet(), datamodule=grids(store))
+    last = tmp_path / "checkpoints" / "last.ckpt"
+    whole = last.read_bytes()
+    bits = np.random.default_rng(0).integers(8 * len(whole), size=40)
+    for bit in (*range(8), *range(8 * (len(whole) - 46), 8 * len(whole))):  # what says what it is
+        last.write_bytes(flipped(whole, bit))
+        with pytest.raises(ValueError, match=r"last\.ckpt"):
+            checksums.check(last)
+    for bit in bits.tolist():
+        last.write_bytes(flipped(whole, bit))
+        with pytest.raises(UserError, match=r"^\S+last\.ckpt: damaged .*; give another one, such as \S+best_t1\.ckpt$"):
+            read_checkpoint(last)
+    with pytest.raises(UserError, match="damaged"):  # Lightning's own way to it
+        run.strategy.checkpoint_io.load_checkpoint(last)
+    last.write_bytes(whole[:-30])
+    with pytest.raises(UserError, match="damaged"):
+        read_checkpoint(last)
+    best_ = tmp_path / "checkpoints" / "best_t1.ckpt"
+    best_.write_bytes(flipped(best_.read_bytes(), 8 * 5000))
+    with pytest.raises(UserError, match="train it again"):  # no advice to take another damaged one
+        read_checkpoint(last)
+    last.write_bytes(whole)
+    assert read_checkpoint(last)["epoch"] == 0
+
+
+def test_a_checkpoint_is_read_for_its_checksum_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    io, file = OwnFiles(), tmp_path / "a.ckpt"
+    io.save_checkpoint({"state_dict": {"a": torch.zeros(1000)}}, file)
+    read: list[Path] = []
+
+    def noted(file: Path, stop: int) -> int:
+        read.append(file)
+        return checksum(file, stop=stop)
+
+    monkeypatch.setattr(checksums, "checksum", noted)
+    for _ in range(2):
+        read_checkpoint(file)
+        io.load_checkpoint(file)
+    assert read == [file]
+    os.utime(file)
+    read_checkpoint(file)
+    assert read == [file, file]
+
+
+def test_a_checkpoint_of_another_hand_is_loaded_with_a_note(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    torch.save({"state_dict": {"a": torch.zeros(10)}}, tmp_path / "a.ckpt")
+    torch.save({"state_dict": {"a": torch.zeros(10)}}, tmp_path / "b.ckpt", _use_new_zipfile_serialization=False)
+    OwnFiles().save_checkpoint({"state_dict": {}}, tmp_path / "c.ckpt")
+    with caplog.at_level("INFO"):
+        for name in "abc":
+            read_checkpoint(tmp_path / f"{name}.ckpt")
+    assert [line.split("/")[-1] for line in caplog.messages] == [
+        f"{name}.ckpt: carries no checksum, so damage to its weights would not be noticed" for name in "ab"
+    ]
