@@ -6,9 +6,9 @@ A cell carries m(O) and m(F); what is left, 1 - m(O) - m(F), is ignorance.  Chan
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from envpred.compiled import njit
 from envpred.mapping.geometry import EGO, FREE, OCCUPIED
 from envpred.mapping.period import PERIOD
 
@@ -104,14 +104,14 @@ def pignistic(mass: NDArray[np.floating]) -> NDArray[np.float32]:
     return np.asarray(0.5 * mass[..., 0, :, :] + 0.5 * (1 - mass[..., 1, :, :]), np.float32)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")  # type: ignore[untyped-decorator, unused-ignore]
+@njit(nogil=True, error_model="numpy", inline="always")
 def aged(occupied, free, alpha):  # type: ignore[no-untyped-def]
     """Masses of one cell a frame later: both caps take the masses before aging, so that m(O) + m(F) <= 1 stays true."""
     one = np.float32(1)
     return min(alpha * occupied, one - free), min(alpha * free, one - occupied)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")  # type: ignore[untyped-decorator, unused-ignore]
+@njit(nogil=True, error_model="numpy", inline="always")
 def combined(occupied, free, seen_occupied, seen_free):  # type: ignore[no-untyped-def]
     """Dempster's rule of combination for one cell: masses of the past and those just measured.
 
@@ -132,7 +132,7 @@ def combined(occupied, free, seen_occupied, seen_free):  # type: ignore[no-untyp
     )
 
 
-@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
+@njit(nogil=True)
 def _fuse(posterior, prior, label, shift_i, shift_j, table, alpha):  # type: ignore[no-untyped-def]
     H, W = label.shape
     for i in range(H):

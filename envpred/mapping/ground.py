@@ -9,9 +9,9 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from envpred.compiled import njit
 from envpred.mapping.geometry import PAPER_SENSOR_HEIGHT
 
 
@@ -127,7 +127,7 @@ class RansacPlane(GroundSegmenter):
         return near
 
 
-@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
+@njit(nogil=True)
 def _count_inliers(points, normals, offsets, distance):  # type: ignore[no-untyped-def]
     """Points within `distance` of each plane."""
     counts = np.zeros(len(normals), np.int64)
@@ -138,7 +138,7 @@ def _count_inliers(points, normals, offsets, distance):  # type: ignore[no-untyp
     return counts
 
 
-@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
+@njit(nogil=True)
 def _heights(points, side, half, last, reach, far, ceiling):  # type: ignore[no-untyped-def]
     """Flat cell of each point (-1: takes no part), and the highest and lowest z of every cell.
 
@@ -163,7 +163,7 @@ def _heights(points, side, half, last, reach, far, ceiling):  # type: ignore[no-
     return cells, highest.reshape(width, width), lowest.reshape(width, width)
 
 
-@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
+@njit(nogil=True)
 def _further_out(c, x, y, half, last, reach):  # type: ignore[no-untyped-def]
     """Cell of a point beyond `reach` whose own is `c`: no further in than the ring after `last`."""
     width = 2 * half + 1
@@ -175,7 +175,7 @@ def _further_out(c, x, y, half, last, reach):  # type: ignore[no-untyped-def]
     return (half + i) * width + half + j
 
 
-@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
+@njit(nogil=True)
 def _spread(highest, lowest, half, max_span, max_rise, empty_height):  # type: ignore[no-untyped-def]
     """Which cells are obstacles: ground height spread over square rings from the centre cell outwards."""
     width = 2 * half + 1
@@ -200,7 +200,7 @@ def _spread(highest, lowest, half, max_span, max_rise, empty_height):  # type: i
     return obstacle
 
 
-@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
+@njit(nogil=True)
 def _decide(ground, obstacle, highest, lowest, i, j, nearby, max_span, max_rise):  # type: ignore[no-untyped-def]
     """Ground height and verdict of one cell, from its points and the ground `nearby` one ring further in."""
     top = highest[i, j]
@@ -210,7 +210,7 @@ def _decide(ground, obstacle, highest, lowest, i, j, nearby, max_span, max_rise)
     obstacle[i, j] = seen & ~level
 
 
-@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
+@njit(nogil=True)
 def _gather(obstacle_cell, cells):  # type: ignore[no-untyped-def]
     """The cells' verdict for every point; points that take no part are no obstacles."""
     out = np.zeros(len(cells), np.bool_)

@@ -11,9 +11,9 @@ from functools import cache
 from importlib import resources
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from envpred.compiled import njit
 from envpred.mapping.evidence import Mass
 from envpred.mapping.geometry import FREE, OCCUPIED, FloatArray
 from envpred.mapping.world import Grids, World, check_context
@@ -178,7 +178,7 @@ def _scores(found: Grids, weights: FloatArray) -> Grids:
     return scores
 
 
-@njit(cache=True, nogil=True, fastmath=True)  # type: ignore[untyped-decorator, unused-ignore]
+@njit(nogil=True, fastmath=True)
 def _weigh(out, weights, values):  # type: ignore[no-untyped-def]
     """`out` += `weights` @ `values`.  BLAS does it on threads of its own, which spin beside those that cast rays."""
     block = 2048  # cells whose values stay in the cache
@@ -222,7 +222,7 @@ def _sigmoid(logits: Grids) -> Grids:
     return np.minimum(logits, LARGEST, out=logits)
 
 
-@njit(cache=True, nogil=True, fastmath=True)  # type: ignore[untyped-decorator, unused-ignore]
+@njit(nogil=True, fastmath=True)
 def _logits(out, scores, first, here, then, ahead, ranges, step):  # type: ignore[no-untyped-def]
     """Logits of one horizon in a box: its first cell is `first` of the scores', and `here` and `then` off the ego."""
     time, root, stood = ahead

@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from envpred.compiled import njit
 from envpred.mapping.geometry import (
     EGO,
     FREE,
@@ -126,7 +126,7 @@ class RayCasting:
         return grid, wide
 
 
-@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
+@njit(nogil=True)
 def _mark_occupied(grid, wide, rim, reach, points, obstacle, rotation, shift, box, nearest):  # type: ignore[no-untyped-def]
     """A cell that holds an obstacle point outside the ego's surroundings is occupied.
 
@@ -156,7 +156,7 @@ def _mark_occupied(grid, wide, rim, reach, points, obstacle, rotation, shift, bo
             grid[i, j] = OCCUPIED
 
 
-@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
+@njit(nogil=True)
 def _cast_rays(grid, x, y):  # type: ignore[no-untyped-def]
     """Free the cells between the sensor at (x, y), in cells, and the first occupied cell towards every border cell."""
     (H, W), flat = grid.shape, grid.reshape(-1)

@@ -4,13 +4,13 @@
 """
 
 import numpy as np
-from numba import njit
 
+from envpred.compiled import njit
 from envpred.mapping.evidence import aged, combined
 from envpred.mapping.rays import border_cell, first_cell, mark_ego, next_cell
 
 
-@njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[untyped-decorator, unused-ignore]
+@njit(nogil=True, error_model="numpy")
 def roll(  # type: ignore[no-untyped-def]
     out, mass, world, seen, share, base, start, future, weights, offset, place, body, masses, numbers, cells, moved_hit
 ):
@@ -50,7 +50,7 @@ def roll(  # type: ignore[no-untyped-def]
         last_i, last_j = ci, cj
 
 
-@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
+@njit(nogil=True)
 def window(hit, world, corner_i, corner_j):  # type: ignore[no-untyped-def]
     """The part of the world that the judged grid covers."""
     H, W = hit.shape
@@ -58,7 +58,7 @@ def window(hit, world, corner_i, corner_j):  # type: ignore[no-untyped-def]
         hit[i] = world[corner_i + i, corner_j : corner_j + W]
 
 
-@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
+@njit(nogil=True)
 def add_movers(hit, cells, moved_hit, corner_i, corner_j):  # type: ignore[no-untyped-def]
     """Movers are where they have come to: the likelier of two hits stands."""
     for n in range(len(cells)):
@@ -67,7 +67,7 @@ def add_movers(hit, cells, moved_hit, corner_i, corner_j):  # type: ignore[no-un
             hit[i, j] = max(hit[i, j], moved_hit[n])
 
 
-@njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[untyped-decorator, unused-ignore]
+@njit(nogil=True, error_model="numpy")
 def stop(opaque, hit, clump):  # type: ignore[no-untyped-def]
     """Probability that a cell stops a ray: q^2 / (q + c (1 - q)).
 
@@ -81,7 +81,7 @@ def stop(opaque, hit, clump):  # type: ignore[no-untyped-def]
             opaque[i, j] = q * q / some if some > 0 else q
 
 
-@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
+@njit(nogil=True)
 def _draw(hit, opaque, seed):  # type: ignore[no-untyped-def]
     """Draw each cell's hit, and whether it stops rays (SplitMix64, Steele et al. 2014); returns the new state."""
     zero, one = np.float32(0), np.float32(1)
@@ -98,7 +98,7 @@ def _draw(hit, opaque, seed):  # type: ignore[no-untyped-def]
     return seed
 
 
-@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
+@njit(nogil=True)
 def see_again(passed, seen, share, corner_i, corner_j):  # type: ignore[no-untyped-def]
     """Near where the frames shown were taken, a share of what is seen is what was seen from there."""
     H, W = passed.shape
@@ -107,7 +107,7 @@ def see_again(passed, seen, share, corner_i, corner_j):  # type: ignore[no-untyp
             passed[i, j] += share * (seen[corner_i + i, corner_j + j] - passed[i, j])
 
 
-@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
+@njit(nogil=True)
 def cast_rays(passed, opaque, x, y, least):  # type: ignore[no-untyped-def]
     """Transmittance of every cell, the largest over the rays from the sensor at (x, y), in cells, to the border."""
     H, W = opaque.shape
@@ -126,7 +126,7 @@ def cast_rays(passed, opaque, x, y, least):  # type: ignore[no-untyped-def]
             cell, lead = next_cell(cell, step_i, step_j, lead, per_i, per_j)
 
 
-@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
+@njit(nogil=True)
 def age(prior, now, shift_i, shift_j, alpha):  # type: ignore[no-untyped-def]
     """The masses of the frame before, aged, on the present grid; cells that enter carry none."""
     _, H, W = now.shape
@@ -144,7 +144,7 @@ def age(prior, now, shift_i, shift_j, alpha):  # type: ignore[no-untyped-def]
             prior_occupied[j], prior_free[j] = a, b
 
 
-@njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[untyped-decorator, unused-ignore]
+@njit(nogil=True, error_model="numpy")
 def _measure(now, prior, hit, passed, masses, out, weight):  # type: ignore[no-untyped-def]
     """Expected masses after the measurement; what is asked for of them is added to `out` (C, H, W) by `weight`."""
     occupied, free, ego, _ = masses
@@ -171,7 +171,7 @@ def _measure(now, prior, hit, passed, masses, out, weight):  # type: ignore[no-u
                 out[3, i, j] += weight * seen_free
 
 
-@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
+@njit(nogil=True)
 def _remember(out, now, mass, shift_i, shift_j, weight):  # type: ignore[no-untyped-def]
     """Move the forecast by `weight` towards the last frame shown: two forecasts that err apart, averaged."""
     half = np.float32(0.5)

@@ -5,14 +5,14 @@ forwards; movers and what was seen from where the last frame was taken are given
 """
 
 import numpy as np
-from numba import njit
 
+from envpred.compiled import njit
 from envpred.mapping.evidence import combined
 from envpred.mapping.measurement import add_movers, age, cast_rays, see_again, stop, window
 from envpred.mapping.rays import border_cell, first_cell, mark_ego, next_cell
 
 
-@njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[untyped-decorator, unused-ignore]
+@njit(nogil=True, error_model="numpy")
 def roll_back(  # type: ignore[no-untyped-def]
     out,
     gradient,
@@ -87,7 +87,7 @@ def roll_back(  # type: ignore[no-untyped-def]
             _age_back(posterior, prior, hits[h - 1], passes[h - 1], priors[h - 1], masses, back_i, back_j)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")  # type: ignore[untyped-decorator, unused-ignore]
+@njit(nogil=True, error_model="numpy", inline="always")
 def _measured(a, b, q, passed, masses):  # type: ignore[no-untyped-def]
     """Expected masses of one cell after the measurement, from those before."""
     zero, one = np.float32(0), np.float32(1)
@@ -100,7 +100,7 @@ def _measured(a, b, q, passed, masses):  # type: ignore[no-untyped-def]
     return q * a_occupied + free * a_free + rest * a, q * b_occupied + free * b_free + rest * b
 
 
-@njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[untyped-decorator, unused-ignore]
+@njit(nogil=True, error_model="numpy")
 def _fuse(now, prior, hit, passed, masses):  # type: ignore[no-untyped-def]
     H, W = hit.shape
     for i in range(H):
@@ -108,7 +108,7 @@ def _fuse(now, prior, hit, passed, masses):  # type: ignore[no-untyped-def]
             now[0, i, j], now[1, i, j] = _measured(prior[0, i, j], prior[1, i, j], hit[i, j], passed[i, j], masses)
 
 
-@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
+@njit(nogil=True)
 def _out_back(posterior, gradient, weight, kept, shift_i, shift_j):  # type: ignore[no-untyped-def]
     """Gradient by the masses of what is added to the forecast; `kept` of it where the last frame is remembered."""
     C, H, W = gradient.shape
@@ -125,7 +125,7 @@ def _out_back(posterior, gradient, weight, kept, shift_i, shift_j):  # type: ign
                 posterior[1, i, j] += by * gradient[1, i, j]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[untyped-decorator, unused-ignore]
+@njit(nogil=True, error_model="numpy")
 def _fuse_back(by_hit, by_passed, prior, posterior, before, hit, passed, masses):  # type: ignore[no-untyped-def]
     """Gradients by hit, transmittance and the masses before, from that by the masses after.
 
@@ -155,7 +155,7 @@ def _fuse_back(by_hit, by_passed, prior, posterior, before, hit, passed, masses)
             prior[1, i, j] = gb * (own / (d * d) + other / e + rest) - ga * own * o * (one - a) / (d * d)
 
 
-@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
+@njit(nogil=True)
 def _chances_back(by_hit, by_passed, gradient, hit, passed, weight):  # type: ignore[no-untyped-def]
     """Gradient by hit and transmittance of the chances of a hit and of free that are given out."""
     H, W = hit.shape
@@ -167,7 +167,7 @@ def _chances_back(by_hit, by_passed, gradient, hit, passed, weight):  # type: ig
                 by_passed[i, j] += weight * gradient[3, i, j] * (one - hit[i, j])
 
 
-@njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[untyped-decorator, unused-ignore]
+@njit(nogil=True, error_model="numpy")
 def _rays_back(by_hit, by_passed, rays, hit, opaque, x, y, least, clump):  # type: ignore[no-untyped-def]
     """From the gradient by transmittance to that by hit: T of a cell falls with every cell before it on its ray.
 
@@ -210,7 +210,7 @@ def _rays_back(by_hit, by_passed, rays, hit, opaque, x, y, least, clump):  # typ
                 by_hit[i, j] += by_stop[i, j]
 
 
-@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
+@njit(nogil=True)
 def _window_back(out, by_hit, world, hit, corner_i, corner_j):  # type: ignore[no-untyped-def]
     """Cells that a mover hides have no part in the gradient."""
     H, W = by_hit.shape
@@ -220,7 +220,7 @@ def _window_back(out, by_hit, world, hit, corner_i, corner_j):  # type: ignore[n
                 out[corner_i + i, corner_j + j] += by_hit[i, j]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")  # type: ignore[untyped-decorator, unused-ignore]
+@njit(nogil=True, error_model="numpy")
 def _age_back(posterior, prior, hit, passed, before, masses, shift_i, shift_j):  # type: ignore[no-untyped-def]
     """Gradient by the masses of the frame before aging; those that leave the grid have none."""
     _, H, W = posterior.shape

@@ -3,7 +3,8 @@
 from typing import Any
 
 import numpy as np
-from numba import njit
+
+from envpred.compiled import njit
 
 # Where a ray is and how it goes on: its cell, as the number that it has in the flat grid; cells to go; steps along
 # either axis in such numbers; and by how much of the line (0 at the sensor, 1 at the target) its next crossing of a
@@ -14,7 +15,7 @@ _PARTS = 2.0**56
 _FAR = 4.0  # further than any crossing on the line
 
 
-@njit(cache=True, nogil=True, inline="always")  # type: ignore[untyped-decorator, unused-ignore]
+@njit(nogil=True, inline="always")
 def border_cell(n: Any, rows: Any, columns: Any) -> Any:
     """Border cell (i, j) number `n` of the 2 (rows + columns) - 4 of a grid."""
     if n < rows:
@@ -28,7 +29,7 @@ def border_cell(n: Any, rows: Any, columns: Any) -> Any:
     return rows - 1, n - (columns - 2) + 1
 
 
-@njit(cache=True, nogil=True, inline="always")  # type: ignore[untyped-decorator, unused-ignore]
+@njit(nogil=True, inline="always")
 def first_cell(x: Any, y: Any, target_i: Any, target_j: Any, rows: Any, columns: Any) -> Any:
     """The start of the line from (x, y), in cells, to the centre of a target cell of a grid.
 
@@ -55,7 +56,7 @@ def first_cell(x: Any, y: Any, target_i: Any, target_j: Any, rows: Any, columns:
     return i * columns + j, cells, step_i * columns, step_j, lead, add_i, add_j
 
 
-@njit(cache=True, nogil=True, inline="always")  # type: ignore[untyped-decorator, unused-ignore]
+@njit(nogil=True, inline="always")
 def next_cell(cell: Any, step_i: Any, step_j: Any, lead: Any, per_i: Any, per_j: Any) -> Any:
     """The next cell on the line, and the lead there."""
     if lead < 0:
@@ -63,7 +64,7 @@ def next_cell(cell: Any, step_i: Any, step_j: Any, lead: Any, per_i: Any, per_j:
     return cell + step_j, lead - per_j
 
 
-@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator, unused-ignore]
+@njit(nogil=True)
 def mark_ego(grid: Any, x: Any, y: Any, heading: Any, body: Any, resolution: Any, value: Any) -> None:
     """Give `value` to the cells whose centre lies within one cell of the ego's body, seen from the sensor.
 

@@ -2,12 +2,12 @@
 
 from typing import Any, Literal
 
-import numba
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from envpred.compiled import njit
 from envpred.metrics.windows import PerHorizon, WindowMetric, summarise
 
 CLASSES = ("occupied", "free", "unknown")
@@ -15,7 +15,7 @@ OCCUPIED_FROM, FREE_BELOW = 0.85, 0.20
 Empty = Literal["penalty", "zero"]
 
 
-@numba.njit(cache=True)
+@njit()
 def class_of(probability: NDArray[np.float32]) -> NDArray[np.uint8]:
     """Place in CLASSES of each cell (H, W): occupied p >= 0.85, free p < 0.20, unknown between."""
     classes = np.full(probability.shape, 2, np.uint8)
@@ -28,7 +28,7 @@ def class_of(probability: NDArray[np.float32]) -> NDArray[np.uint8]:
     return classes
 
 
-@numba.njit(cache=True)
+@njit()
 def distances(classes: NDArray[np.uint8], wanted: int) -> NDArray[np.int32]:
     """Exact L1 distance (H, W) in cells from each cell of `classes` to the nearest of class `wanted`; one must exist.
 
@@ -56,7 +56,7 @@ def distances(classes: NDArray[np.uint8], wanted: int) -> NDArray[np.int32]:
     return distance
 
 
-@numba.njit(cache=True)
+@njit()
 def directed(from_map: NDArray[np.uint8], to_map: NDArray[np.uint8], wanted: int) -> float:
     """d(a, b, c): mean over the cells of class `wanted` in `from_map` of the distance to the nearest in `to_map`."""
     distance = distances(to_map, wanted)
@@ -69,7 +69,7 @@ def directed(from_map: NDArray[np.uint8], to_map: NDArray[np.uint8], wanted: int
     return total / count
 
 
-@numba.njit(cache=True)
+@njit()
 def image_similarity(
     forecast: NDArray[np.float32], target: NDArray[np.float32], both_lack: float
 ) -> NDArray[np.float64]:

@@ -6,11 +6,11 @@ from pathlib import Path
 from zipfile import BadZipFile
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import gaussian_filter1d
 
+from envpred.compiled import njit
 from envpred.errors import UserError
 
 FloatArray = NDArray[np.float64]
@@ -170,7 +170,7 @@ def _motion(track: Track, interval: float) -> Motion:
     return Motion(track.kind, track.length, track.width, round(track.start * interval * RATE), centre, heading, speed)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator, unused-ignore]
+@njit()
 def _tow(front, drawbar, heading):  # type: ignore[no-untyped-def]
     """Heading (n,) of a body whose front takes the places `front` (n, 2) and whose rear axle is towed (a tractrix)."""
     headings = np.empty(len(front))
