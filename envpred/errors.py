@@ -4,6 +4,8 @@ import contextlib
 import difflib
 from collections.abc import Iterable, Iterator
 
+VALUE, REASON = 60, 300  # letters of a value, and of a library's reason, that a message repeats
+
 
 class UserError(Exception):
     """A mistake or a damaged file that the user can mend; the command line prints it without a traceback."""
@@ -26,3 +28,19 @@ def as_raised() -> Iterator[None]:
 def nearest(name: str, names: Iterable[str], alike: float = 0.5) -> str | None:
     """The one of `names` that somebody who wrote `name` may have meant; None if none is `alike` (0 to 1) enough."""
     return next(iter(difflib.get_close_matches(name, list(names), 1, alike)), None)
+
+
+def short(value: object) -> str:
+    """A value from a file as a message repeats it: one line, and not for ever."""
+    told = ascii(value)
+    return told if len(told) <= VALUE else f"{told[:VALUE]}..."
+
+
+def one_line(error: Exception) -> str:
+    """What an error says, as a message repeats it: one line, printable, and not for ever."""
+    return printable(str(getattr(error, "strerror", None) or error))
+
+
+def printable(text: str, longest: int = REASON) -> str:
+    """Text in one line of printable letters, the first `longest` of them."""
+    return "".join(letter if letter.isprintable() else "?" for letter in " ".join(text.split()))[:longest]

@@ -12,6 +12,7 @@ import envpred
 from envpred.cli import main
 from envpred.errors import UserError
 from tests.drives.synthetic import write_drive
+from tests.models.trainers import LEAST
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 
@@ -51,13 +52,13 @@ def test_from_a_scan_folder_to_a_forecast_as_the_readme_says(tmp_path: Path, mon
 
 
 def test_a_checkpoint_that_is_none_is_refused(tmp_path: Path) -> None:
-    torch.save({"state_dict": {}, "class_path": "nowhere.Missing", "hyper_parameters": {}}, tmp_path / "a.ckpt")
+    torch.save(LEAST | {"class_path": "nowhere.Missing", "hyper_parameters": {}}, tmp_path / "a.ckpt")
     with pytest.raises(UserError, match=r"a\.ckpt: holds a forecaster of the class nowhere\.Missing"):
         envpred.load_forecaster(tmp_path / "a.ckpt")
-    torch.save({"state_dict": {}, "class_path": "numpy.ndarray", "hyper_parameters": {}}, tmp_path / "b.ckpt")
+    torch.save(LEAST | {"class_path": "numpy.ndarray", "hyper_parameters": {}}, tmp_path / "b.ckpt")
     with pytest.raises(UserError, match=r"b\.ckpt: numpy\.ndarray is no forecaster"):
         envpred.load_forecaster(tmp_path / "b.ckpt")
     file = tmp_path / "c.ckpt"
-    torch.save({"state_dict": {}, "class_path": "envpred.models.PredNetForecaster", "hyper_parameters": {}}, file)
+    torch.save(LEAST | {"class_path": "envpred.models.PredNetForecaster", "hyper_parameters": {}}, file)
     with pytest.raises(UserError, match=r"c\.ckpt: its weights are not those of envpred\.models\.PredNetForecaster"):
         envpred.load_forecaster(file)

@@ -50,6 +50,7 @@ def build_dogma(
     missing = [name for name in {*names, *wanted} if name not in target.drives]
     if missing:
         raise UserError(f"{store}: holds no drive {', '.join(missing)}; it has {', '.join(target.drives)}")
+    target.check({*names, *wanted}, ["label"])
     key = target.claim("dogma", asdict(parameters), force=force)
     todo = [
         drive

@@ -9,6 +9,8 @@ from lightning.pytorch.callbacks import ModelCheckpoint
 from lightning.pytorch.trainer.states import TrainerFn
 
 from envpred.errors import UserError
+from envpred.gate import conform
+from envpred.gate.runs import History as Schema
 from envpred.results.validations import VALIDATIONS, Best, Chosen, History, Validation
 from envpred.store.files import write_json
 
@@ -54,7 +56,8 @@ class Validations(Callback):
         return self.history.as_json()
 
     def load_state_dict(self, state_dict: dict[str, Any]) -> None:
-        self.history = History(**state_dict)
+        conform(state_dict, Schema, "validations of the checkpoint", "give another checkpoint")
+        self.history = History(state_dict["validations"], state_dict["best"], state_dict.get("ended"))
 
     def _note_checkpoints(self, trainer: Trainer) -> None:
         """Note the newest validation for each checkpoint that it has improved.

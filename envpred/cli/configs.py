@@ -1,6 +1,7 @@
 """Configurations that one subcommand saved, read by another: what only the other takes is left out."""
 
 import inspect
+import os
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,7 @@ from lightning.pytorch import Trainer
 
 from envpred.cli.registry import LIGHTNING
 from envpred.cli.tokens import CONFIG
+from envpred.gate import read_yaml
 
 
 def portable(args: list[str]) -> list[str]:
@@ -34,10 +36,9 @@ def _tokens(args: list[str]) -> Iterator[tuple[str, bool]]:
 def _portable(token: str, subcommand: str) -> str:
     """A configuration's name, or its content if something in it is not for `subcommand`."""
     option, equals, name = token.rpartition("=") if token.startswith("--config=") else ("", "", token)
-    try:
-        content = yaml.safe_load(Path(name).read_text())
-    except (OSError, ValueError, yaml.YAMLError):
-        return token  # whoever reads it says what is wrong
+    if not os.path.isfile(name):
+        return token  # its content, or whoever reads it says what is wrong
+    content = read_yaml(Path(name), "mend it")
     if not isinstance(content, dict):
         return token
     foreign = {key for key in content if key in _taken_by_any() and key not in _taken(subcommand)}

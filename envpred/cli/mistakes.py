@@ -9,7 +9,7 @@ from jsonargparse import ArgumentParser
 from envpred.cli.help import MODELS, known
 from envpred.cli.registry import COMMANDS, LIGHTNING
 from envpred.cli.signatures import exported, options
-from envpred.errors import UserError, nearest
+from envpred.errors import UserError, nearest, one_line, printable
 
 OTHER = re.compile(r"unrecognized arguments: (.*)")
 NO_OPTION = re.compile(r"Problem with given class_path '([\w.]+)':\s+Option '(\w+)' is not accepted")
@@ -19,6 +19,7 @@ INNER = re.compile(
     re.DOTALL,
 )
 OF_KEY = re.compile(r'Parser key "([\w.]+)":\s+(.*)', re.DOTALL)
+LONGEST = 900  # letters of a line
 NEEDED = re.compile(r"required: (.*)")
 CLASS = re.compile(r"<class '(?:\w+\.)*(\w+)'>")
 
@@ -31,10 +32,18 @@ class Strict(ArgumentParser):
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **{"allow_abbrev": False, **kwargs})
 
+    def parse_args(self, *args: Any, **kwargs: Any) -> Any:
+        try:
+            return super().parse_args(*args, **kwargs)
+        except (UnicodeDecodeError, OSError, RecursionError) as error:
+            raise UserError(
+                f"a configuration names a file that holds none ({one_line(error)}); give values or files in YAML"
+            ) from None
+
     def error(self, message: str, ex: Exception | None = None) -> Any:
         if not self.exit_on_error:  # one parser asks another whether it would take something
             return super().error(message, ex)
-        raise UserError(explained(message, self.command)) from None
+        raise UserError(printable(explained(message, self.command), LONGEST)) from None
 
 
 def explained(message: str, command: str) -> str:

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from envpred.drives.drive import Drive, read_points
 from envpred.drives.plausible import check_rotation
-from envpred.errors import UserError
+from envpred.errors import UserError, short
+from envpred.gate import read_text
 from envpred.mapping.geometry import FloatArray
 
 OXTS_FIELDS = 30
@@ -31,6 +32,7 @@ RANGES = (
     ("velocity to the north", 6, 100.0, "m/s"),
     ("velocity to the east", 7, 100.0, "m/s"),
 )
+AGAIN = "copy it again, or delete it to leave a gap in the drive"
 NOWHERE = 1e-6  # degrees around latitude and longitude 0, which receivers write where they know no position
 
 
@@ -128,22 +130,20 @@ def _numbered(folder: Path, ending: str) -> dict[int, Path]:
 
 
 def _check_packet(file: Path) -> None:
-    fields = file.read_text().split()
+    lines = [line.split() for line in read_text(file, AGAIN).splitlines()]
+    fields = lines[0] if len(lines) == 1 else []
     try:
         numbers = np.array(fields, np.float64)
     except ValueError:
         numbers = np.array([np.nan])
     if len(fields) != OXTS_FIELDS or not np.isfinite(numbers).all():
         raise UserError(
-            f"{file}: an OXTS packet has {OXTS_FIELDS} numbers, this one {len(fields)} fields (or some that are none); "
-            "copy it again, or delete it to leave a gap in the drive"
+            f"{file}: an OXTS packet is a line of {OXTS_FIELDS} numbers, this one has {len(fields)} fields in "
+            f"{len(lines)} lines (or some that are none); {AGAIN}"
         )
     for name, field, limit, unit in RANGES:
         if abs(numbers[field]) > limit:
-            raise UserError(
-                f"{file}: a {name} of {numbers[field]:.6g} is beyond {limit:.4g} {unit}; copy it again, or delete it "
-                "to leave a gap in the drive"
-            )
+            raise UserError(f"{file}: a {name} of {numbers[field]:.6g} is beyond {limit:.4g} {unit}; {AGAIN}")
     if np.abs(numbers[:2]).max() < NOWHERE:
         raise UserError(
             f"{file}: latitude 0 and longitude 0 are no position; delete the packets without one, to leave gaps in the "
@@ -156,12 +156,14 @@ def _timestamps(file: Path) -> dict[int, float]:
     if not file.is_file():
         return {}
     times = {}
-    for k, line in enumerate(file.read_text().splitlines()):
+    for k, line in enumerate(read_text(file, "copy the file again").splitlines()):
         if not line.strip():
             continue
         try:
             # Nanoseconds are more than datetime reads; microseconds are enough.
             times[k] = datetime.fromisoformat(line.strip()[:26]).replace(tzinfo=UTC).timestamp()
         except ValueError:
-            raise UserError(f"{file}: line {k + 1} is no time stamp ({line.strip()!r}); copy the file again") from None
+            raise UserError(
+                f"{file}: line {k + 1} is no time stamp ({short(line.strip())}); copy the file again"
+            ) from None
     return times

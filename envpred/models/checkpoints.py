@@ -4,7 +4,7 @@ import os
 import pickle
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, cast
 
 import torch
 from lightning.fabric.plugins import TorchCheckpointIO
@@ -13,7 +13,10 @@ from lightning.pytorch.callbacks import ModelCheckpoint
 from lightning.pytorch.utilities import rank_zero_info
 
 from envpred.datamodules import GridDataModule
-from envpred.errors import UserError
+from envpred.errors import UserError, short
+from envpred.gate import conform
+from envpred.gate.arrays import DAMAGED
+from envpred.gate.runs import Checkpoint
 from envpred.models import checksums
 from envpred.store.files import replaced
 
@@ -110,13 +113,50 @@ def read_checkpoint(file: Path, device: torch.device | str = "cpu") -> dict[str,
         checkpoint = torch.load(file, map_location=device, weights_only=True)
     except pickle.UnpicklingError:
         raise UserError(f"{file}: holds more than weights, so it is not loaded; give a checkpoint of envpred") from None
-    except (OSError, RuntimeError, EOFError, ValueError):
+    except DAMAGED:
         raise UserError(f"{file}: damaged or no checkpoint; {_another(file)}") from None
-    if not isinstance(checkpoint, dict) or "state_dict" not in checkpoint:
-        raise UserError(f"{file}: no checkpoint of a forecaster; give one that `envpred fit` wrote")
+    conform(checkpoint, Checkpoint, file, "give a checkpoint that `envpred fit` wrote")
     if not summed:
         rank_zero_info(f"{file}: carries no checksum, so damage to its weights would not be noticed")
-    return checkpoint
+    return cast(dict[str, Any], checkpoint)
+
+
+def check_loops(checkpoint: Mapping[str, Any], trainer: Trainer) -> None:
+    """Refuse a checkpoint that does not tell how far a training came as `trainer` tells it.
+
+    Raises:
+        UserError: naming what differs.
+    """
+    names = ("fit_loop", "validate_loop", "test_loop", "predict_loop")
+    differs = _unlike(checkpoint.get("loops"), {name: getattr(trainer, name).state_dict() for name in names}, "loops")
+    if differs:
+        raise UserError(f"the checkpoint does not tell how far it was trained ({differs}); give another checkpoint")
+
+
+def _unlike(theirs: Any, ours: Any, name: str) -> str | None:
+    """The first part of `theirs` that is missing or of another type than in `ours`; both are nested plain data."""
+    if not isinstance(ours, dict):
+        return None if type(theirs) is type(ours) else name
+    if not isinstance(theirs, dict):
+        return name
+    found = (_unlike(theirs.get(key), value, f"{name}.{key}") for key, value in ours.items() if value is not None)
+    return next((part for part in found if part), None)
+
+
+def check_weights(checkpoint: Mapping[str, Any], forecaster: LightningModule) -> None:
+    """Refuse weights that are not those of a forecaster, by their names and shapes.
+
+    Raises:
+        UserError: naming the first that differs.
+    """
+    theirs, ours = checkpoint["state_dict"], forecaster.state_dict()
+    for name in [*ours, *theirs]:
+        shapes = [tuple(getattr(held.get(name), "shape", ())) if name in held else None for held in (theirs, ours)]
+        if shapes[0] != shapes[1] or not isinstance(theirs[name], torch.Tensor):
+            raise UserError(
+                f"the checkpoint's weights are not those of this {type(forecaster).__name__}: {short(name)} is "
+                f"{shapes[0]}, not {shapes[1]}; give its own model configuration, or another checkpoint"
+            )
 
 
 def check_content(file: Path) -> bool:
@@ -157,7 +197,7 @@ def _another(damaged: Path) -> str:
         try:
             checksums.check(file)
             torch.load(file, "meta", weights_only=True)
-        except (OSError, RuntimeError, EOFError, ValueError, pickle.UnpicklingError):
+        except (*DAMAGED, pickle.UnpicklingError):
             continue
         return f"give another one, such as {file}"
     return "give another one, or train it again"

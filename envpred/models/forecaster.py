@@ -24,7 +24,7 @@ from envpred.mapping.mapper import Mapped, Mapper
 from envpred.metrics.collection import forecast_metrics
 from envpred.metrics.horizon_mse import HorizonMSE
 from envpred.metrics.windows import PerHorizon, WindowMetric
-from envpred.models.checkpoints import check_grids, keep_own_files, trust_no_path
+from envpred.models.checkpoints import check_grids, check_loops, check_weights, keep_own_files, trust_no_path
 from envpred.models.kinds import kinds_of
 from envpred.models.numbers import NumberedLoss, as_asked, check_forecast, check_metrics
 
@@ -254,6 +254,7 @@ class Forecaster(NumberedLoss):
             trust_no_path(checkpoint, self.trainer)
             if self.trained is not None:
                 check_grids(self.trained["data"], self.dataset, self.needs.context)
+            check_loops(checkpoint, self.trainer)
         kind = checkpoint.get("forecaster", type(self).__name__)
         if kind != type(self).__name__:
             raise UserError(
@@ -267,6 +268,7 @@ class Forecaster(NumberedLoss):
                     f"the checkpoint was trained with {name} {theirs[name]}, the command says {self.hparams[name]}; "
                     f"give --{room}.{name} {_argument(theirs[name])}, or another checkpoint"
                 )
+        check_weights(checkpoint, self)
 
 
 def seed() -> int | None:

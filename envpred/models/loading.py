@@ -23,7 +23,7 @@ def load_forecaster(checkpoint: Path | str, device: torch.device | str = "cpu") 
     module, _, name = class_path.rpartition(".")
     try:
         kind = getattr(import_module(module), name)
-    except (ImportError, AttributeError, ValueError):
+    except (ImportError, AttributeError, ValueError, TypeError):
         raise UserError(
             f"{file}: holds a forecaster of the class {class_path or 'unknown'}, which Python does not find; install "
             "or import what defines it, or train it again"
@@ -31,9 +31,9 @@ def load_forecaster(checkpoint: Path | str, device: torch.device | str = "cpu") 
     if not (isinstance(kind, type) and issubclass(kind, Forecaster)):
         raise UserError(f"{file}: {class_path} is no forecaster; give a checkpoint that `envpred fit` wrote")
     taken = inspect.signature(kind).parameters
-    forecaster: Forecaster = kind(**{k: v for k, v in content["hyper_parameters"].items() if k in taken})
     try:
+        forecaster: Forecaster = kind(**{k: v for k, v in content["hyper_parameters"].items() if k in taken})
         forecaster.load_state_dict(content["state_dict"])
-    except RuntimeError:
+    except (RuntimeError, TypeError, ValueError, LookupError, AttributeError):
         raise UserError(f"{file}: its weights are not those of {class_path}; train it again, or give another") from None
     return forecaster.eval().requires_grad_(False).to(device)

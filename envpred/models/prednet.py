@@ -11,7 +11,9 @@ from lightning.pytorch.utilities import rank_zero_info, rank_zero_warn
 from torch import Tensor
 
 from envpred.datamodules import Forecast, Future, Needs, Seen, WindowBatch
-from envpred.errors import UserError
+from envpred.errors import UserError, one_line
+from envpred.gate import read_arrays
+from envpred.gate.runs import keras_weights
 from envpred.models.checkpoints import StageCheckpoint, read_checkpoint
 from envpred.models.fixed_frame import Cells, Reading, likeliest_cells
 from envpred.models.forecaster import Forecaster
@@ -258,11 +260,12 @@ class PredNetForecaster(Forecaster):
 
     def _initialise(self, file: Path) -> None:
         if file.suffix == ".npz":
+            remedy = "give arrays of the authors' Keras layer with this network's channels, or a checkpoint"
+            arrays = read_arrays(file, keras_weights, remedy)
             try:
-                with np.load(file, allow_pickle=False) as arrays:
-                    self.network.load_state_dict(PredNet.from_keras(dict(arrays)).state_dict())
-            except (OSError, ValueError, RuntimeError) as error:
-                raise UserError(f"{file}: no Keras weights of this network ({error})") from None
+                self.network.load_state_dict(PredNet.from_keras(arrays).state_dict())
+            except (ValueError, RuntimeError) as error:
+                raise UserError(f"{file}: no Keras weights of this network ({one_line(error)}); {remedy}") from None
         else:
             checkpoint = read_checkpoint(file, self.device)
             super().on_load_checkpoint(checkpoint)

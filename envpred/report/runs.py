@@ -1,6 +1,5 @@
 """Results of test runs, read and checked: what cannot be compared is refused, with the reason."""
 
-import json
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -10,16 +9,16 @@ from typing import Any, TypeVar
 import numpy as np
 
 from envpred.errors import UserError
+from envpred.gate import conform
+from envpred.gate.runs import Diagram, Metric
 from envpred.metrics.about import About
 from envpred.report.comparable import ROUNDING, check_comparable
 from envpred.report.run import FloatArray, Measured, Run
 from envpred.report.statistics import drive_errors
-from envpred.results.result import FORMAT, RESULT
+from envpred.results.result import AGAIN, RESULT, read_result
 
 Found = TypeVar("Found")
 NAMED = 4  # folders that a line names before it counts the others
-# Beside a new result the old one would still be found.
-_AGAIN = "delete it and run `envpred test` again"
 
 
 def read_runs(paths: Sequence[Path], same_inputs: bool = True) -> list[Run]:
@@ -49,31 +48,19 @@ def read_run(file: Path) -> Run:
     Raises:
         UserError: if it is damaged, of another format or partial.
     """
-    try:
-        record = json.loads(file.read_text())
-    except (OSError, ValueError) as error:
-        raise UserError(f"{file}: not a readable result ({error}); {_AGAIN}") from None
-    if not isinstance(record, dict) or record.get("format") != FORMAT:
-        found = record.get("format") if isinstance(record, dict) else None
-        raise UserError(f"{file}: format {found}, this version reads {FORMAT}; {_AGAIN}")
-    try:
-        horizon_s = np.array(record["horizon_s"], np.float64)
-        name, role, variant = str(record["model"]["name"]), str(record["role"]), str(record["variant"])
-        data = dict(record["data"])
-        data["input_hash"] = dict(data["input_hash"])
-        drives = [str(drive) for drive, _ in data["windows"]]
-        metrics = {
-            key: _measured(file, key, value, len(horizon_s), drives)
-            for key, value in record["metrics"].items()
-            if "mean" in value
-        }
-        reliability = record["metrics"].get("reliability")
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise UserError(f"{file}: incomplete, {_what(error)}; {_AGAIN}") from None
+    record = read_result(file)
+    horizon_s, data = np.array(record["horizon_s"], np.float64), record["data"]
+    drives = [drive for drive, _ in data["windows"]]
+    metrics = {
+        key: _measured(file, key, value, len(horizon_s), drives)
+        for key, value in record["metrics"].items()
+        if "mean" in value
+    }
     if "mse" not in metrics or metrics["mse"].per_window is None:
-        raise UserError(f"{file}: incomplete, no mean squared error per window; {_AGAIN}")
-    bins = {key: _array(value) for key, value in reliability.items()} if reliability else None
+        raise UserError(f"{file}: incomplete, no mean squared error per window; {AGAIN}")
+    name, role, variant = record["model"]["name"], record["role"], record["variant"]
     label = f"{name} ({variant})" + (", untrained" if record["model"].get("untrained") else "")
+    bins = _diagram(file, record["metrics"].get("reliability"), len(horizon_s))
     return Run(file, label, name, role, variant, horizon_s, metrics, bins, data, record)
 
 
@@ -107,9 +94,10 @@ def _result_files(path: Path) -> list[Path]:
 
 def _measured(file: Path, key: str, value: dict[str, Any], horizons: int, drives: Sequence[str]) -> Measured:
     """A metric of a result file, complete and consistent with itself."""
+    conform(value, Metric, f"{file}: {key}", AGAIN)
     mean, error = _array(value["mean"]), _array(value["standard_error"])
     if mean.shape != (horizons,) or error.shape != (horizons,):
-        raise UserError(f"{file}: partial, {key} has {len(mean)} of the {horizons} horizons; {_AGAIN}, to the end")
+        raise UserError(f"{file}: partial, {key} has {len(mean)} of the {horizons} horizons; {AGAIN}, to the end")
     about = About.of(value)
     if "per_window" not in value:
         return Measured(mean, error, None, about)
@@ -117,13 +105,13 @@ def _measured(file: Path, key: str, value: dict[str, Any], horizons: int, drives
     if per_window.shape != (windows, horizons):
         raise UserError(
             f"{file}: partial, {key} has {len(per_window)} of the {windows} windows at {horizons} horizons; "
-            f"{_AGAIN}, to the end"
+            f"{AGAIN}, to the end"
         )
     counted = np.isfinite(per_window)
     sums = np.where(counted, per_window, 0).sum(axis=0)
     again = np.divide(sums, counted.sum(axis=0), out=np.full(horizons, np.nan), where=counted.any(axis=0))
     if not np.allclose(again, mean, rtol=ROUNDING, equal_nan=True):
-        raise UserError(f"{file}: damaged, the mean of {key} is not that of its windows; {_AGAIN}")
+        raise UserError(f"{file}: damaged, the mean of {key} is not that of its windows; {AGAIN}")
     return Measured(mean, error, per_window, about, drive_errors(per_window, drives))
 
 
@@ -132,8 +120,14 @@ def _array(values: Any) -> FloatArray:
     return np.array(values, dtype=object).astype(np.float64)
 
 
-def _what(error: Exception) -> str:
-    return f"{error} is missing" if isinstance(error, KeyError) else str(error)
+def _diagram(file: Path, value: dict[str, Any] | None, horizons: int) -> dict[str, FloatArray] | None:
+    """The reliability diagram of a result file, if it has one."""
+    if not value:
+        return None
+    found = conform(value, Diagram, f"{file}: reliability", AGAIN)
+    if len(found.count) != horizons:
+        raise UserError(f"{file}: partial, reliability has {len(found.count)} of the {horizons} horizons; {AGAIN}")
+    return {key: _array(getattr(found, key)) for key in ("forecast", "occupied", "count")}
 
 
 def with_distinct_labels(runs: list[Run]) -> list[Run]:

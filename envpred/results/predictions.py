@@ -15,11 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from envpred.errors import UserError
+from envpred.gate import ArraySchema, read_array, read_json
+from envpred.gate.runs import PredictionsManifest
 from envpred.mapping.evidence import pignistic
 from envpred.mapping.geometry import heading_of
 from envpred.results.scenes import Scene
 from envpred.store import MANIFEST, Store, StoredDrive
-from envpred.store.files import inside, read_json
+from envpred.store.files import inside
 
 FORMAT = 2
 WHAT = (
@@ -73,11 +75,7 @@ class Predictions:
             raise UserError(
                 f"{folder}: holds no predictions ({MANIFEST} is missing); write some with `envpred predict`"
             )
-        self.manifest = read_json(folder / MANIFEST, "predict")
-        if self.manifest.get("format") != FORMAT or "windows" not in self.manifest:
-            raise UserError(
-                f"{folder / MANIFEST}: no predictions of format {FORMAT}, which this version reads; {self._remedy}"
-            )
+        self.manifest: dict[str, Any] = read_json(folder / MANIFEST, PredictionsManifest, self._remedy, FORMAT)
 
     @property
     def _remedy(self) -> str:
@@ -101,12 +99,10 @@ class Predictions:
         """
         window = self.windows[k]
         file = inside(self.folder, window["file"], self.folder / MANIFEST)
-        try:
-            array = np.load(file, allow_pickle=False)
-        except (OSError, ValueError, EOFError):
-            array = None
-        if array is None or zlib.crc32(array.tobytes()) != window["checksum"]:
-            raise UserError(f"{file}: missing or changed since it was written; {self._remedy}")
+        cells = self.manifest["drives"][window["drive"]]["cells"]
+        array = read_array(file, ArraySchema("f", (len(self.manifest["horizon_s"]), cells, cells)), self._remedy)
+        if zlib.crc32(array.tobytes()) != window["checksum"]:
+            raise UserError(f"{file}: changed since it was written; {self._remedy}")
         return np.asarray(array, np.float32)
 
     def scene(self, k: int, store: Store | None = None, method: str | None = None) -> Scene:
@@ -129,13 +125,17 @@ class Predictions:
             oracles=frozenset({method} if self.manifest["role"] == "oracle" else ()),
         )
         if store is not None:
-            drive = store.drives.get(name)
-            if drive is None or drive_entry(drive) != self.manifest["drives"][name]:
+            drive, start, now = store.drives.get(name), window["start"], window["start"] + len(frames)
+            if (
+                drive is None
+                or drive_entry(drive) != self.manifest["drives"][name]
+                or drive.frames[start:now] != window["frames"]
+                or now + window["targets"] > len(drive.frames)
+            ):
                 raise UserError(
                     f"{store.folder}: does not hold the grids of {name} that {self.folder} was forecast from; "
                     "give their store as --store, or run `envpred predict` again"
                 )
-            start, now = window["start"], window["start"] + len(frames)
             cut = slice(start, now + window["targets"])
             occupancy = pignistic(np.array(drive.array("evidence")[cut], np.float32))
             context = None

@@ -1,6 +1,5 @@
 """Results of test runs: one JSON each, with all that a report and paired statistics need."""
 
-import json
 import re
 import subprocess
 from collections.abc import Mapping
@@ -8,10 +7,14 @@ from pathlib import Path
 from typing import Any
 
 from envpred import __version__
+from envpred.gate import read_json
+from envpred.gate.runs import Result
 from envpred.store.files import write_json
 
 FORMAT = 2
 RESULT = "result.json"
+# Beside a new result the old one would still be found.
+AGAIN = "delete it and run `envpred test` again"
 
 
 def revision() -> str:
@@ -33,9 +36,19 @@ def write_result(file: Path, result: Mapping[str, Any]) -> Path:
     return file
 
 
+def read_result(file: Path) -> dict[str, Any]:
+    """The result that a test run wrote.
+
+    Raises:
+        UserError: if it cannot be read, is of another format or incomplete.
+    """
+    result: dict[str, Any] = read_json(file, Result, AGAIN, FORMAT)
+    return result
+
+
 def name_pictures(file: Path, pictures: Mapping[str, str], drawn: str | None) -> None:
     """Name pictures, and the file of the forecasts that are `drawn`, in the result `file`, by paths from its folder."""
-    write_json(file, json.loads(file.read_text()) | {"pictures": dict(pictures), "drawn": drawn})
+    write_json(file, read_result(file) | {"pictures": dict(pictures), "drawn": drawn})
 
 
 def short_name(class_name: str) -> str:

@@ -1,6 +1,5 @@
 """Scenes: single windows with what was seen, what came and what was forecast, as pictures show them."""
 
-import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -9,6 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from envpred.errors import UserError
+from envpred.gate import read_arrays
+from envpred.gate.runs import SCENES
 from envpred.horizons import SHOWN_S, shown_steps
 from envpred.results.movers import Mover, movers
 from envpred.store.files import replaced
@@ -140,24 +141,25 @@ def read_scenes(file: Path, method: str, oracle: bool = False) -> dict[int, Scen
     Raises:
         UserError: if the file is missing or damaged.
     """
-    try:
-        with np.load(file, allow_pickle=False) as arrays:
-            return {
-                int(index): Scene(
-                    str(arrays["drive"][k]),
-                    tuple(arrays["frames"][k].tolist()),
-                    arrays["seen"][k].astype(np.float32),
-                    arrays["target"][k].astype(np.float32),
-                    arrays["centre_cell"][k],
-                    {method: arrays["forecast"][k].astype(np.float32)},
-                    float(arrays["resolution"][k]),
-                    float(arrays["period"][k]),
-                    arrays["context"][k].astype(np.float32) if "context" in arrays else None,
-                    frozenset({method} if oracle else ()),
-                )
-                for k, index in enumerate(arrays["index"])
-            }
-    except (OSError, ValueError, KeyError, IndexError, EOFError, zipfile.BadZipFile):
-        raise UserError(
-            f"{file}: missing or damaged, though a result names it; delete {file.parent} and run `envpred test` again"
-        ) from None
+    remedy = f"delete {file.parent} and run `envpred test` again"
+    arrays = read_arrays(file, SCENES, remedy)
+    if arrays["centre_cell"].shape[1] != arrays["seen"].shape[1] + arrays["target"].shape[1]:
+        raise UserError(f"{file}: has cells for other frames than it holds; {remedy}")
+    grids = {
+        name: arrays[name].astype(np.float32) for name in ("seen", "target", "forecast", "context") if name in arrays
+    }
+    return {
+        int(index): Scene(
+            str(arrays["drive"][k]),
+            tuple(arrays["frames"][k].tolist()),
+            grids["seen"][k],
+            grids["target"][k],
+            arrays["centre_cell"][k],
+            {method: grids["forecast"][k]},
+            float(arrays["resolution"][k]),
+            float(arrays["period"][k]),
+            grids["context"][k] if "context" in grids else None,
+            frozenset({method} if oracle else ()),
+        )
+        for k, index in enumerate(arrays["index"])
+    }

@@ -10,9 +10,11 @@ has no stages.  `best` says of each checkpoint that a validation decides on whic
 `ended` is null until the training has reached its end, then the epochs that it took.
 """
 
-import json
 from pathlib import Path
 from typing import Any, NamedTuple, TypedDict
+
+from envpred.gate import read_json
+from envpred.gate.runs import History as Schema
 
 VALIDATIONS = "validations.json"
 
@@ -65,9 +67,12 @@ class History(NamedTuple):
 
 
 def read_validations(folder: Path) -> History:
-    """The validations of the run in `folder`, also while it goes on; none if it has not validated yet."""
-    try:
-        told = json.loads((folder / VALIDATIONS).read_text())
-    except FileNotFoundError:
+    """The validations of the run in `folder`, also while it goes on; none if it has not validated yet.
+
+    Raises:
+        UserError: if their file cannot be read, or does not fit together.
+    """
+    if not (folder / VALIDATIONS).exists():
         return History([], {})
+    told = read_json(folder / VALIDATIONS, Schema, f"delete {folder} and train again")
     return History(told["validations"], told["best"], told.get("ended"))

@@ -47,6 +47,10 @@ def scan_picture(drive: Path, frame: int, reach: float = 45.0) -> Figure:
     if not file.is_file():
         raise UserError(f"{file}: no such labels; only drives of `envpred simulate` know the class of every point")
     words = np.fromfile(file, np.uint32)
+    if len(words) != len(points):
+        raise UserError(
+            f"{file}: {len(words)} labels of {len(points)} points; copy it again, or simulate the drive anew"
+        )
     seen = classes.semantic(words)
     colours = np.full((65536, 3), 0.6)
     for number, colour in classes.COLOURS.items():

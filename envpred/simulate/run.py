@@ -3,7 +3,6 @@
 import errno
 import functools
 import hashlib
-import json
 import shutil
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -16,6 +15,8 @@ from filelock import FileLock, Timeout
 
 from envpred.build.jobs import run_jobs, say
 from envpred.errors import UserError
+from envpred.gate import read_json
+from envpred.gate.stores import Asked
 from envpred.simulate import scene as scenes
 from envpred.simulate.lidar import HDL64E
 from envpred.simulate.traffic import Recording
@@ -99,10 +100,9 @@ def _check_folder(out: Path, asked: dict[str, object]) -> None:
     """Refuse a folder that holds something else than drives that were simulated as they are `asked` for."""
     if not out.exists() or (out.is_dir() and not any(file.name != LOCK for file in out.iterdir())):
         return
-    try:
-        told = json.loads((out / ASKED).read_text())
-    except (OSError, ValueError):
-        raise UserError(f"{out} holds something already: give a folder that is not there yet, or empty it") from None
+    if not (out / ASKED).exists():
+        raise UserError(f"{out} holds something already: give a folder that is not there yet, or empty it")
+    told = read_json(out / ASKED, Asked, "give another folder")
     if told != asked:
         differs = [
             f"{name} {told.get(name)} there, {value} asked" for name, value in asked.items() if told.get(name) != value

@@ -1,9 +1,10 @@
 """A recording of traffic: streets, and the tracks of everybody on them, read back as smooth motion."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from zipfile import BadZipFile
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,8 @@ from scipy.ndimage import gaussian_filter1d
 
 from envpred.compiled import njit
 from envpred.errors import UserError
+from envpred.gate import read_arrays
+from envpred.gate.stores import recording
 
 FloatArray = NDArray[np.float64]
 
@@ -107,21 +110,18 @@ class Recording:
     @classmethod
     def load(cls, path: Path) -> "Recording":
         """Reads what `save` wrote; raises UserError for a missing or foreign file."""
-        try:
-            with np.load(path, allow_pickle=False) as data:
-                if int(data["version"]) != _VERSION:
-                    raise UserError(
-                        f"{path}: a recording of version {data['version']}, this reads {_VERSION}; {_WITHOUT}"
-                    )
-                networks = [_network(data, k, str(name)) for k, name in enumerate(data["names"])]
-                return cls(float(data["interval"]), float(data["seconds"]), networks)
-        except FileNotFoundError as error:
-            raise UserError(f"{path}: no such recording of traffic; {_WITHOUT}") from error
-        except (KeyError, ValueError, BadZipFile, OSError, EOFError) as error:
-            raise UserError(f"{path}: no recording of traffic of ours ({error}); {_WITHOUT}") from error
+        data = read_arrays(path, recording, _WITHOUT)
+        if data["version"] != _VERSION:
+            raise UserError(f"{path}: a recording of version {data['version']}, this reads {_VERSION}; {_WITHOUT}")
+        networks = [_network(path, data, k, str(name)) for k, name in enumerate(data["names"])]
+        return cls(float(data["interval"]), float(data["seconds"]), networks)
 
 
-def _network(data: np.lib.npyio.NpzFile, k: int, name: str) -> Network:
+def _network(path: Path, data: Mapping[str, NDArray[Any]], k: int, name: str) -> Network:
+    kinds = max(data[f"{k}/lane_kind"], default=0), max(data[f"{k}/track_table"][:, 0], default=0)
+    points = all(data[f"{k}/{w}_count"].sum() == data[f"{k}/{w}_bends"].shape[1] for w in ("lane", "junction", "track"))
+    if kinds[0] >= len(LANES) or kinds[1] >= len(KINDS) or not points or min(data[f"{k}/track_count"], default=2) < 2:
+        raise UserError(f"{path}: town {k} does not fit together; {_WITHOUT}")
     lanes = list(
         zip(data[f"{k}/lane_kind"].tolist(), data[f"{k}/lane_width"].tolist(), _unpack(data, f"{k}/lane"), strict=True)
     )
@@ -148,7 +148,7 @@ def _pack(name: str, lines: list[FloatArray]) -> dict[str, NDArray[np.generic]]:
     }
 
 
-def _unpack(data: np.lib.npyio.NpzFile, name: str) -> list[FloatArray]:
+def _unpack(data: Mapping[str, NDArray[Any]], name: str) -> list[FloatArray]:
     ends = np.cumsum(data[f"{name}_count"])
     parts = np.split(data[f"{name}_bends"].T, ends[:-1]) if len(ends) else []
     return [

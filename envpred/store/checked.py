@@ -1,11 +1,13 @@
 """Arrays that are trained or judged on are compared with their checksums once, until their files change."""
 
 import contextlib
-import json
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+from envpred.errors import UserError
+from envpred.gate import read_json
+from envpred.gate.stores import Checked
 from envpred.store.files import write_json
 from envpred.store.reading import StoredDrive
 
@@ -23,9 +25,9 @@ def check_content(store: Path, drives: Iterable[StoredDrive], arrays: Iterable[s
     try:
         for drive in drives:
             for name in names:
+                drive.array(name)  # refuses what is missing, or of another shape
                 entry = drive.manifest["arrays"][name]
                 place, file = f"{drive.name}/{entry['file']}", drive.folder / entry["file"]
-                drive.array(name)  # refuses a file that is missing, or of another shape
                 state = file.stat()
                 told = [state.st_size, state.st_mtime_ns, entry["checksum"]]
                 if known.get(place) != told and fresh.get(place) != told:
@@ -40,7 +42,7 @@ def check_content(store: Path, drives: Iterable[StoredDrive], arrays: Iterable[s
 def _known(store: Path) -> dict[str, Any]:
     """What was compared before; nothing where that cannot be read."""
     try:
-        known = json.loads((store / CHECKED).read_text())
-    except (OSError, ValueError):
+        known: dict[str, Any] = read_json(store / CHECKED, Checked, "delete it")
+    except UserError:
         return {}
-    return known if isinstance(known, dict) else {}
+    return known

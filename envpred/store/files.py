@@ -87,20 +87,3 @@ def replace_text(file: Path, text: str) -> Path:
 def write_json(file: Path, value: Any) -> None:
     """Replace `file` in one step."""
     replace_text(file, json.dumps(value, indent=1))
-
-
-def read_json(file: Path, maker: str = "grids") -> dict[str, Any]:
-    """An object that the subcommand `maker` wrote.
-
-    Raises:
-        UserError: if the file is missing, or holds none.
-    """
-    try:
-        value = json.loads(file.read_text())
-    except FileNotFoundError:
-        raise UserError(f"{file}: missing; run `envpred {maker}` to build it") from None
-    except (OSError, ValueError):
-        value = None
-    if not isinstance(value, dict):
-        raise UserError(f"{file}: cannot be read as JSON; delete its folder and run `envpred {maker}` again")
-    return value

@@ -6,7 +6,9 @@ from pathlib import Path
 from typing import Any
 
 from envpred.errors import UserError
-from envpred.store.files import FORMAT, digest, flat, read_json, write_json
+from envpred.gate import read_json
+from envpred.gate.stores import Index
+from envpred.store.files import FORMAT, digest, flat, write_json
 from envpred.store.parts import alone
 
 INDEX = "store.json"
@@ -21,11 +23,11 @@ def read_index(folder: Path) -> dict[str, Any]:
     file = folder / INDEX
     if not file.is_file():
         raise UserError(f"{folder}: no store of grids ({INDEX} is missing); build one with `envpred grids`")
-    index = read_json(file)
-    if index.get("format") != FORMAT:
-        raise UserError(
-            f"{file}: format {index.get('format')} is not {FORMAT}, which this version reads; build the store again"
-        )
+    remedy = f"delete {folder} and run `envpred grids` again"
+    index: dict[str, Any] = read_json(file, Index, remedy, FORMAT)
+    for group, entry in index["groups"].items():
+        if digest(entry["parameters"]) != entry["hash"]:
+            raise UserError(f"{file}: the parameters of {group} have changed since it was built; {remedy}")
     return index
 
 

@@ -9,8 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from envpred.errors import UserError
+from envpred.gate import map_array, read_json
+from envpred.gate.stores import Manifest
 from envpred.mapping.geometry import Body, FloatArray, GridSpec
-from envpred.store.files import FORMAT, MANIFEST, checksum, digest, inside, read_json
+from envpred.store.files import FORMAT, MANIFEST, checksum, digest, inside
 from envpred.store.groups import command, group_of
 from envpred.store.index import claim, differences, read_index
 
@@ -114,15 +116,11 @@ class StoredDrive:
         """What the drive holds.
 
         Raises:
-            UserError: if it cannot be read, or is of another format.
+            UserError: if it cannot be read, is of another format, or does not fit together.
         """
         file = self.folder / MANIFEST
         self._read_as = _identity(file)
-        manifest = read_json(file)
-        if manifest.get("format") != FORMAT:
-            raise UserError(
-                f"{file}: format {manifest.get('format')} is not {FORMAT}, which this version reads; {self._remedy}"
-            )
+        manifest: dict[str, Any] = read_json(file, Manifest, self._remedy, FORMAT)
         for entry in manifest["arrays"].values():
             inside(self.folder, entry["file"], file)
         return manifest
@@ -190,16 +188,13 @@ class StoredDrive:
             raise UserError(
                 f"{self.folder}: holds no array {name!r}; build it with `{command(self.folder.parent, name)}`"
             )
-        file = self.folder / entry["file"]
         try:
-            array = np.load(file, mmap_mode="r", allow_pickle=False)
-        except (OSError, ValueError, EOFError):
+            array = map_array(self.folder / entry["file"], entry["dtype"], entry["shape"], self._remedy)
+        except UserError:
             self._check_still(name)
-            raise UserError(f"{file}: missing or damaged; {self._remedy}") from None
+            raise
         self._check_still(name)  # after it was opened: what a manifest names stays while it is the valid one
-        if list(array.shape) != entry["shape"] or array.dtype.str != np.dtype(entry["dtype"]).str:
-            raise UserError(f"{file}: {array.dtype}{array.shape} is not what its manifest says; {self._remedy}")
-        return cast(np.memmap[Any, Any], array)
+        return array
 
     def _check_still(self, name: str) -> None:
         """Refuse an array that was built again since the manifest was read."""

@@ -18,7 +18,6 @@ from pathlib import Path
 from typing import Any
 
 import optuna
-import yaml
 from optuna.distributions import (
     BaseDistribution,
     CategoricalDistribution,
@@ -30,6 +29,7 @@ from optuna.distributions import (
 from envpred.cli.arguments import FitArguments
 from envpred.cli.shipped import COMPLETE, find
 from envpred.errors import UserError, nearest
+from envpred.gate import conform, read_yaml
 from envpred.store import digest
 
 from ..runs.command import FIXED
@@ -183,15 +183,12 @@ def read_space(given: str | Path) -> Space:
         UserError: naming the argument that cannot be read, and why.
     """
     file = find(str(given), ("space",), "--space")
-    try:
-        content = yaml.safe_load(file.read_text())
-    except (OSError, ValueError, yaml.YAMLError) as error:
-        raise UserError(f"{file}: cannot be read as YAML ({' '.join(str(error).split())})") from None
+    content = read_yaml(file, "mend it")
     if not isinstance(content, dict) or not set(content) - {CONFIG}:
         raise UserError(
             f"{file}: names no argument to search; write lines such as `model.t1_lr: {{low: ..., high: ...}}`"
         )
-    named = content.pop(CONFIG, [])
+    named = conform(content.pop(CONFIG, []), str | list[str], f"{file}: {CONFIG}", "name configurations there")
     configs = named if isinstance(named, list) else [named]
     config = [find(name, COMPLETE, f"{file}: {CONFIG}", file) for name in configs]
     entries: dict[str, Entry] = {}
@@ -243,7 +240,7 @@ def _dimension(name: str, text: Any) -> Dimension:
             raise ValueError("`choices` takes a list of values, and no range beside it")
         return Dimension(name, CategoricalDistribution([encoded(choice) for choice in choices]))
     kind = text.get("type", "float")
-    if kind not in NUMBERS:
+    if not isinstance(kind, str) or kind not in NUMBERS:
         raise ValueError(f"type {kind!r} is neither float nor int; give `choices` for everything else")
     if "low" not in text or "high" not in text:
         raise ValueError("needs `low` and `high`, or `choices`")

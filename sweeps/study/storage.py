@@ -1,5 +1,6 @@
 """Where a study is kept: a journal in a shared folder, or a database."""
 
+import json
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -7,7 +8,7 @@ from pathlib import Path
 from optuna.storages import BaseStorage, JournalStorage, RDBStorage
 from optuna.storages.journal import JournalFileBackend, JournalFileSymlinkLock
 
-from envpred.errors import UserError
+from envpred.errors import UserError, one_line
 
 JOURNAL = "journal.log"
 CONNECT_SECONDS = 10
@@ -53,7 +54,14 @@ def open_storage(folder: Path, url: str | None) -> BaseStorage:
         with told(folder):
             folder.mkdir(parents=True, exist_ok=True)
             journal = folder / JOURNAL
-            return JournalStorage(JournalFileBackend(str(journal), TidyLock(journal)))
+            try:
+                _check_last_line(journal)
+                return JournalStorage(JournalFileBackend(str(journal), TidyLock(journal)))
+            except (ValueError, TypeError, LookupError, AttributeError, AssertionError) as error:
+                raise UserError(
+                    f"{journal}: damaged, its lines do not tell a study ({one_line(error)}); get it from a backup, or "
+                    "give another --name to begin anew"
+                ) from None
     try:
         options = {"pool_pre_ping": True}
         if url.startswith("postgresql"):
@@ -65,6 +73,13 @@ def open_storage(folder: Path, url: str | None) -> BaseStorage:
             f"--storage {hidden(url)}: its driver is not installed ({error}); "
             "for PostgreSQL pip install 'envpred[postgresql]'"
         ) from None
+
+
+def _check_last_line(journal: Path) -> None:
+    """Raise ValueError for a last line that is whole but cannot be read: Optuna finds that with the next line."""
+    content = journal.read_bytes() if journal.exists() else b""
+    if content.endswith(b"\n"):
+        json.loads(content[content.rfind(b"\n", 0, -1) + 1 :])
 
 
 @contextmanager

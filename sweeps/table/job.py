@@ -11,7 +11,7 @@ from typing import Any
 from envpred.cli.arguments import FitArguments
 from envpred.datamodules import GridDataModule
 from envpred.errors import UserError
-from envpred.results.result import RESULT
+from envpred.results.result import RESULT, read_result
 from envpred.results.validations import VALIDATIONS, read_validations
 from envpred.store import digest
 from envpred.store.files import inside, replace_text
@@ -52,8 +52,8 @@ class Job:
     def is_done(self) -> bool:
         """Whether its result is there, of the grids as they are now."""
         try:
-            told = json.loads(self.result.read_text())["data"]
-        except (OSError, ValueError, KeyError):
+            told = read_result(self.result)["data"]
+        except UserError:
             return False
         data = GridDataModule(**self.config["data"])
         data.setup("test")

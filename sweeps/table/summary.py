@@ -1,12 +1,13 @@
 """`sweep.md`: every run of an ablation in one table, and the tables of its reports."""
 
-import json
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
+from envpred.gate import read_json, read_text
+from envpred.gate.runs import Seconds
 from envpred.report.runs import read_run
 
 from .job import SECONDS, Job
@@ -31,7 +32,7 @@ def summary(jobs: Sequence[Job], reports: Mapping[str, Path], failures: Sequence
     lines += ["", "MSE is the mean over all horizons; ratios are to the last frame shown on the same windows."]
     lines += ["", *(f"* failed: {line}" for line in failures)]
     for group, page in reports.items():
-        table = (page.parent / "methods.md").read_text().strip()
+        table = read_text(page.parent / "methods.md", "run the same command again").strip()
         lines += ["", f"## {group}", "", f"[report]({os.path.relpath(page, folder)})", "", table]
     return "\n".join(lines) + "\n"
 
@@ -41,7 +42,7 @@ def _cells(job: Job) -> list[str]:
     mse, static = run.mse.mean, run.metrics["static_mse"].mean
     ratios = [float(mse[k] / static[k]) for s in SHOWN_S for k in np.flatnonzero(np.isclose(run.horizon_s, s))]
     told = job.folder / SECONDS
-    minutes = f"{json.loads(told.read_text()) / 60:.1f}" if told.is_file() else ""
+    minutes = f"{read_json(told, Seconds, f'delete {told}') / 60:.1f}" if told.is_file() else ""
     return [
         job.run.name,
         str(run.record.get("seed")),

@@ -51,12 +51,12 @@ def flip(file: Path) -> None:
 
 
 DAMAGE: dict[str, Callable[[Path], object]] = {
-    "missing or damaged": lambda drive: (drive / "label.npy").unlink(),
+    "missing; delete": lambda drive: (drive / "label.npy").unlink(),
     "is not what its manifest says": lambda drive: np.save(drive / "label.npy", np.zeros(3)),
     "content has changed": lambda drive: flip(drive / "label.npy"),
     "format 99": lambda drive: rewrite(drive / MANIFEST, format=99),
     "cannot be read as JSON": lambda drive: (drive / MANIFEST).write_text("{"),
-    "missing; run": lambda drive: (drive / MANIFEST).unlink(),
+    "manifest.json: missing": lambda drive: (drive / MANIFEST).unlink(),
 }
 
 
@@ -68,6 +68,18 @@ def test_a_damaged_drive_is_deleted_and_built_again(source: Path, store: Path, w
     if "delete" in str(failure.value):
         shutil.rmtree(store / A)
     ((command,),) = remedy(failure.value)
+    main([command, *grids(source, store)[1:]])
+    assert builds.all_valid(store) == [A, B]
+
+
+def test_a_store_whose_parameters_were_edited_is_built_again(source: Path, store: Path) -> None:
+    index = json.loads((store / "store.json").read_text())
+    index["groups"]["mapping"]["parameters"]["evidence"]["discount"] = 0.5
+    (store / "store.json").write_text(json.dumps(index))
+    said = refusal(grids(source, store))
+    assert f"the parameters of mapping have changed since it was built; delete {store} and" in said
+    shutil.rmtree(store)
+    ((command,),) = remedy(said)
     main([command, *grids(source, store)[1:]])
     assert builds.all_valid(store) == [A, B]
 

@@ -182,9 +182,10 @@ def rewrite(file: Path, **changes: Any) -> None:
 
 
 DAMAGE: dict[str, Callable[[Path], object]] = {
-    "0000000009.npy: missing or changed": lambda out: np.save(out / "a" / "0000000009.npy", np.zeros((5, 16, 16))),
-    "0000000017.npy: missing or changed": lambda out: (out / "a" / "0000000017.npy").unlink(),
-    f"no predictions of format {FORMAT}": lambda out: rewrite(out / "manifest.json", format=99),
+    "0000000009.npy: damaged": lambda out: np.save(out / "a" / "0000000009.npy", np.zeros((4, 16, 16))),
+    "0000000009.npy: changed since": lambda out: np.save(out / "a" / "0000000009.npy", np.ones((5, 16, 16), "f4")),
+    "0000000017.npy: missing": lambda out: (out / "a" / "0000000017.npy").unlink(),
+    f"format 99, this version reads {FORMAT}": lambda out: rewrite(out / "manifest.json", format=99),
     r"manifest\.json is missing": lambda out: (out / "manifest.json").unlink(),
     r"manifest\.json: cannot be read": lambda out: (out / "manifest.json").write_text("{"),
 }

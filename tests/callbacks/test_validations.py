@@ -187,6 +187,9 @@ def test_a_killed_run_leaves_its_validations_and_tells_each_once(store: Path, tm
         assert best["epoch"] == checkpoint(run, "best.ckpt")["epoch"]
 
 
+HORIZONS = {"0.5s": {"val_mse": 0.1, "static_mse": 0.2}}
+
+
 def test_a_reader_never_sees_half_a_file(tmp_path: Path) -> None:
     """A writer and a reader, as fast as they can."""
     found: Validation = {"epoch": 0, "step": 1, "stage": None, "val_mse": 0.1, "static_mse": 0.2, "horizons": {}}
@@ -195,7 +198,7 @@ def test_a_reader_never_sees_half_a_file(tmp_path: Path) -> None:
 
     def write() -> None:
         for epoch in range(150):
-            callback.history.validations.append({**found, "epoch": epoch, "horizons": {"0.5s": {"val_mse": 0.1}}})
+            callback.history.validations.append({**found, "epoch": epoch, "horizons": HORIZONS})
             callback._write(cast(Trainer, target))
         done.set()
 

@@ -15,6 +15,7 @@ from envpred.models.loading import load_forecaster
 from envpred.results.result import RESULT
 from tests.drives.synthetic import write_drive
 from tests.e2e.test_cli import REPOSITORY, STATIC, config, configured, small
+from tests.models.trainers import LEAST
 from tests.remedies import refusal, remedy
 from tests.store.stores import write_store
 
@@ -51,7 +52,7 @@ def of(model: str, store: Path, *more: str) -> list[str]:
 def test_checkpoints_are_those_of_a_fit(store: Path) -> None:
     """One run of `envpred fit`, as each of the messages asks, gives what all of them want."""
     torch.save({"weights": 1}, "foreign.ckpt")
-    torch.save({"state_dict": {}, "class_path": "numpy.ndarray", "hyper_parameters": {}}, "array.ckpt")
+    torch.save(LEAST | {"class_path": "numpy.ndarray", "hyper_parameters": {}}, "array.ckpt")
     with pytest.raises(UserError, match=r"array\.ckpt: numpy\.ndarray is no forecaster") as failure:
         load_forecaster("array.ckpt")
     asked = ["best", "nowhere.ckpt", "foreign.ckpt"]

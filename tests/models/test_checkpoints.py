@@ -4,6 +4,7 @@ import multiprocessing
 import os
 import signal
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -11,12 +12,13 @@ import numpy as np
 import pytest
 import torch
 
+from envpred.callbacks import Validations
 from envpred.errors import UserError
 from envpred.models import checksums
 from envpred.models.checkpoints import OwnFiles, read_checkpoint
 from envpred.store.files import checksum
 from tests.models.test_prednet import best
-from tests.models.trainers import grids, prednet, trainer
+from tests.models.trainers import LEAST, grids, prednet, trainer
 
 
 def change(file: Path, path: str) -> None:
@@ -93,7 +95,7 @@ def test_a_kill_while_saving_leaves_the_checkpoint_before(
 
 
 def test_the_advice_names_a_checkpoint_that_loads(tmp_path: Path) -> None:
-    torch.save({"state_dict": {}}, tmp_path / "best.ckpt")
+    torch.save(LEAST, tmp_path / "best.ckpt")
     (tmp_path / "last.ckpt").touch()
     (tmp_path / "newest.ckpt").write_bytes((tmp_path / "best.ckpt").read_bytes()[:100])
     for name in ("last.ckpt", "newest.ckpt"):
@@ -167,3 +169,46 @@ def test_a_checkpoint_of_another_hand_is_loaded_with_a_note(tmp_path: Path, capl
     assert [line.split("/")[-1] for line in caplog.messages] == [
         f"{name}.ckpt: carries no checksum, so damage to its weights would not be noticed" for name in "ab"
     ]
+
+
+@pytest.mark.parametrize("missing", LEAST)
+def test_what_is_no_checkpoint_of_lightning_is_refused(tmp_path: Path, missing: str) -> None:
+    torch.save({key: value for key, value in LEAST.items() if key != missing}, tmp_path / "a.ckpt")
+    with pytest.raises(UserError, match=f"a.ckpt: Object missing required field {missing}; give a checkpoint"):
+        read_checkpoint(tmp_path / "a.ckpt")
+
+
+W, V = torch.zeros(4), {"validations": [], "best": 3}
+EDITS: dict[str, tuple[str, Callable[[dict[str, Any]], object]]] = {
+    "a weight that is missing": ("weights are not those of this .* is None, not", lambda c: c["state_dict"].popitem()),
+    "a weight too many": ("weights are not those .*'more' is .4,., not None", lambda c: c["state_dict"].update(more=W)),
+    "another shape": ("weights are not those .* is .4,., not", lambda c: c["state_dict"].update({first(c): W})),
+    "no weight": ("weights are not those .* is ..,", lambda c: c["state_dict"].update({first(c): 3})),
+    "loops of another": (r"how far it was trained \(loops\.fit_loop", lambda c: c["loops"]["fit_loop"].popitem()),
+    "no loops": (r"how far it was trained \(loops\)", lambda c: c.update(loops=[])),
+    "no validations": ("validations of the checkpoint: best: Expected", lambda c: c["callbacks"].update(Validations=V)),
+}
+
+
+def first(checkpoint: dict[str, Any]) -> str:
+    return str(next(iter(checkpoint["state_dict"])))
+
+
+@pytest.fixture(scope="module")
+def last(store: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("edits")
+    run = trainer(folder, callbacks=[Validations()])
+    run.fit(prednet(t1_epochs=1, t5_epochs=0), datamodule=grids(store))
+    return folder / "checkpoints" / "last.ckpt"
+
+
+@pytest.mark.parametrize("edit", EDITS)
+def test_a_checkpoint_that_was_edited_is_refused(store: Path, last: Path, tmp_path: Path, edit: str) -> None:
+    content: dict[str, Any] = torch.load(last, weights_only=True)
+    says, change_it = EDITS[edit]
+    change_it(content)
+    torch.save(content, tmp_path / "a.ckpt")
+    run = trainer(tmp_path / "run", callbacks=[Validations()])
+    with pytest.raises(UserError, match=says) as refusal:
+        run.fit(prednet(t1_epochs=2, t5_epochs=0), datamodule=grids(store), ckpt_path=tmp_path / "a.ckpt")
+    assert "give" in str(refusal.value)

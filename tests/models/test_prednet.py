@@ -11,7 +11,7 @@ from torch import Tensor
 from envpred.errors import UserError
 from envpred.models import LastFrame, PredNetForecaster
 from envpred.models.checkpoints import StageCheckpoint, read_checkpoint
-from tests.models.trainers import grids, prednet, seen, trainer
+from tests.models.trainers import LEAST, grids, prednet, seen, trainer
 from tests.remedies import remedy
 
 
@@ -214,7 +214,7 @@ def test_a_checkpoint_with_code_is_not_run(tmp_path: Path) -> None:
 
 
 def test_damaged_checkpoints_are_named(tmp_path: Path) -> None:
-    torch.save({"state_dict": {"a": torch.zeros(1000)}}, tmp_path / "good.ckpt")
+    torch.save(LEAST | {"state_dict": {"a": torch.zeros(1000)}}, tmp_path / "good.ckpt")
     (tmp_path / "cut.ckpt").write_bytes((tmp_path / "good.ckpt").read_bytes()[:700])
     (tmp_path / "empty.ckpt").touch()
     torch.save([1], tmp_path / "other.ckpt")

@@ -11,6 +11,9 @@ from envpred.callbacks import ResultWriter
 from envpred.datamodules import GridDataModule, Seen
 from envpred.models import PredNetForecaster
 
+# What every checkpoint of Lightning holds.
+LEAST: dict[str, Any] = {"state_dict": {}, "epoch": 0, "global_step": 0, "pytorch-lightning_version": "2.6.0"}
+
 
 def trainer(folder: Path, **options: Any) -> Trainer:
     """A quiet trainer on the CPU that writes into `folder`."""

@@ -116,9 +116,16 @@ def cut_file(folder: Path) -> None:
     file.write_bytes(file.read_bytes()[:-100])
 
 
+def cut_cells(folder: Path) -> None:
+    with np.load(folder / "drawn.npz") as arrays:
+        changed = dict(arrays) | {"centre_cell": arrays["centre_cell"][:, :-1]}
+    np.savez(folder / "drawn.npz", **changed)
+
+
 DRAWN: dict[str, Callable[[Path], object]] = {
-    r"drawn\.npz: missing or damaged": lambda folder: (folder / "drawn.npz").unlink(),
-    r"drawn\.npz: missing or damaged, though": cut_file,
+    r"drawn\.npz: missing": lambda folder: (folder / "drawn.npz").unlink(),
+    r"drawn\.npz: damaged": cut_file,
+    "has cells for other frames than it holds": cut_cells,
     "holds other forecasts than .*result.json judged": swap_windows,
 }
 
@@ -163,20 +170,26 @@ def change_mean(record: Record) -> None:
     record["metrics"]["mse"]["mean"][3] *= 0.9
 
 
+def cut_diagram(record: Record) -> None:
+    record["metrics"]["reliability"] = {key: rows[:4] for key, rows in record["metrics"]["reliability"].items()}
+
+
 PARTIAL: dict[str, Callable[[Record], object]] = {
     "format 1, this version reads 2": lambda r: r.update(format=1),
     "partial, mse has 12 of the 30 windows": drop_windows,
     "partial, iou has 4 of the 15 horizons": drop_horizons,
     "damaged, the mean of mse": change_mean,
-    "incomplete, 'variant' is missing": lambda r: r.pop("variant"),
-    "incomplete, 'role' is missing": lambda r: r.pop("role"),
-    "incomplete, 'unit' is missing": lambda r: r["metrics"]["iou"].pop("unit"),
-    "incomplete, could not convert .*'up'": lambda r: r["metrics"]["iou"].update(direction="up"),
-    "incomplete, 'input_hash' is missing": lambda r: r["data"].pop("input_hash"),
-    "incomplete, 'windows' is missing": lambda r: r["data"].pop("windows"),
+    "partial, reliability has 4 of the 15 horizons": cut_diagram,
+    "metrics: holds signs that do not belong there": lambda r: r["metrics"].update({"../../iou": r["metrics"]["iou"]}),
+    "missing required field variant": lambda r: r.pop("variant"),
+    "missing required field role": lambda r: r.pop("role"),
+    "iou: .*missing required field unit": lambda r: r["metrics"]["iou"].pop("unit"),
+    "iou: direction: Invalid enum value 'up'": lambda r: r["metrics"]["iou"].update(direction="up"),
+    "data: .*missing required field input_hash": lambda r: r["data"].pop("input_hash"),
+    "data: .*missing required field windows": lambda r: r["data"].pop("windows"),
     "incomplete, no mean squared error per window": lambda r: r["metrics"].pop("mse"),
     "no mean squared error per window": lambda r: r["metrics"]["mse"].pop("per_window"),
-    "incomplete, .*; delete it and run `envpred test` again": lambda r: r["metrics"].update(iou=None),
+    "metrics.*got null; delete it and run `envpred test` again": lambda r: r["metrics"].update(iou=None),
     "cannot be read": lambda r: r.update(pictures={"strip": "gone.png"}),
     "not a picture": lambda r: r.update(pictures={"strip": "result.json"}),
 }
@@ -197,7 +210,7 @@ def test_unreadable_and_missing_results_are_refused(make_run: MakeRun, tmp_path:
     folder = make_run()
     text = (folder / "result.json").read_text()
     contents: dict[str, tuple[list[Path], str]] = {
-        "not a readable result": ([folder], text[: len(text) // 2]),
+        "cannot be read as JSON": ([folder], text[: len(text) // 2]),
         "format None": ([folder], json.dumps([1, 2])),
         r"nowhere: no such file or folder": ([make_run(), tmp_path / "nowhere"], text),
         "no test run given": ([], text),

@@ -38,7 +38,7 @@ def store_of(arrays: dict[str, NDArray[Any]]) -> Store:
     """A store of that drive that holds such `arrays`."""
     lattice = {"origin": [0.0, 0.0], "resolution": 0.2, "cells": 8}
     manifest = {"lattice": lattice, "arrays": {"evidence": {"checksum": 5}}}
-    drive = SimpleNamespace(manifest=manifest, array=lambda name: arrays[name])
+    drive = SimpleNamespace(manifest=manifest, array=lambda name: arrays[name], frames=list(range(7)))
     return cast(Store, SimpleNamespace(folder=Path("grids"), drives={"a": drive}))
 
 

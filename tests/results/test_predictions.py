@@ -38,6 +38,18 @@ def test_the_wider_grid_is_shown_if_the_forecaster_read_it(tmp_path: Path, conte
         np.testing.assert_allclose(scene.context, pignistic(arrays["context_evidence"][4]), rtol=1e-6)
 
 
+def test_windows_where_the_store_has_other_frames_are_refused(tmp_path: Path) -> None:
+    arrays: dict[str, NDArray[Any]] = {"evidence": np.zeros((7, 2, 8, 8)), "centre_cell": np.zeros((7, 2))}
+    predictions, store = folder_of(tmp_path, FORECAST), store_of(arrays)
+    for change in ({"frames": [4, 5]}, {"start": 2}, {"targets": 3}):
+        before = dict(predictions.windows[0])
+        predictions.windows[0].update(change)
+        with pytest.raises(UserError, match="does not hold the grids of a that"):
+            predictions.scene(0, store)
+        predictions.windows[0].update(before)
+    assert len(predictions.scene(0, store).target) == 2
+
+
 def test_a_forecast_outside_the_folder_is_not_read(tmp_path: Path) -> None:
     np.save(tmp_path / "4.npy", FORECAST)
     predictions = folder_of(tmp_path / "predictions", FORECAST)

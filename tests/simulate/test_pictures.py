@@ -8,6 +8,7 @@ import pytest
 from matplotlib.collections import PathCollection
 from matplotlib.patches import Polygon
 
+from envpred.errors import UserError
 from envpred.simulate import classes
 from envpred.simulate.pictures import scan_picture, traffic_picture
 from envpred.simulate.traffic import LANES, Network, Recording, Track
@@ -27,6 +28,9 @@ def test_a_scan_is_drawn_in_the_colours_of_its_classes(tmp_path: Path) -> None:
         place.mkdir(parents=True)
         array.tofile(place / ("0000000003.bin" if array is points else "0000000003.label"))
     axes = scan_picture(tmp_path, 3).axes[0]
+    words[:3].tofile(tmp_path / "labels" / "0000000003.label")
+    with pytest.raises(UserError, match=r"0000000003\.label: 3 labels of 4 points; copy it again"):
+        scan_picture(tmp_path, 3)
     drawn = axes.collections[0]
     assert [t.get_text() for t in axes.get_legend().get_texts()] == ["road", "building", "car"]  # type: ignore[union-attr]
     assert isinstance(drawn, PathCollection)

@@ -100,13 +100,17 @@ def test_cars_do_not_drive_through_each_other() -> None:
             assert (gaps.min(axis=1) < 1.2).mean() < 0.05
 
 
-@pytest.mark.parametrize("content", [None, b"", b"no zip", "npz", "version"])
+@pytest.mark.parametrize("content", [None, b"", b"no zip", "npz", "version", "kinds", "points"])
 def test_what_is_no_recording_is_refused_in_one_line(tmp_path: Path, content: bytes | str | None) -> None:
     path = tmp_path / "x.npz"
     if content == "npz":
         np.savez(path, a=np.zeros(3))
-    elif content == "version":
-        np.savez(path, version=99)
+    elif content in ("version", "kinds", "points"):
+        recording_of(Track(0, 4.5, 1.8, 6, 0.0, np.zeros((8, 2)))).save(path)
+        with np.load(path) as arrays:
+            kinds = arrays["0/lane_kind"] + 99
+            changed = {"version": {"version": 99}, "kinds": {"0/lane_kind": kinds}, "points": {"0/track_count": [7]}}
+            np.savez(path, **(dict(arrays) | changed[content]))
     elif isinstance(content, bytes):
         path.write_bytes(content)
     with pytest.raises(UserError, match=r"x\.npz: .* give another, or none to use the built-in one") as caught:

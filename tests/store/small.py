@@ -10,6 +10,14 @@ from envpred.store import DriveWriter, Store
 
 PARAMETERS = {"grid": {"cells": 8, "resolution": 1 / 3}, "sensor": "calibration"}
 FRAMES = 5
+ABOUT = {
+    "frames": [3, 4, 5, 8, 9],
+    "stretches": [(0, 3), (3, 2)],
+    "lattice": {"origin": [1.5, -2.0], "resolution": 1 / 3, "cells": 8, "context": 16},
+    "period": 0.05,
+    "sensor": np.diag([1.0, 1, 1, 1]).tolist(),
+    "body": {"rear": -1.0, "front": 2.0, "half_width": 0.9},
+}
 VELOCITY = np.ones((FRAMES, 2, 8, 8), np.float16)
 
 
@@ -25,16 +33,7 @@ def write(
     arrays: dict[str, NDArray[Any]] | None = None,
 ) -> Path:
     key = key or Store(store).claim(group, PARAMETERS)
-    about = {
-        "drive": drive,
-        "frames": [3, 4, 5, 8, 9],
-        "stretches": [(0, 3), (3, 2)],
-        "lattice": {"origin": [1.5, -2.0], "resolution": 1 / 3, "cells": 8, "context": 16},
-        "period": 0.05,
-        "sensor": np.diag([1.0, 1, 1, 1]).tolist(),
-        "body": {"rear": -1.0, "front": 2.0, "half_width": 0.9},
-    }
-    with DriveWriter(store, drive, group, key, about) as out:
+    with DriveWriter(store, drive, group, key, ABOUT | {"drive": drive}) as out:
         for name, values in (arrays or {"label": label(), "time": np.arange(5.0)}).items():
             out.add(name, values.dtype, values.shape).extend(values)
     return store / drive

@@ -1,5 +1,6 @@
 """A bit that flips on the disk is found before anything is trained or judged on it; what was read once is believed."""
 
+import json
 import os
 from pathlib import Path
 
@@ -7,7 +8,7 @@ import pytest
 
 from envpred.datamodules import GridDataModule
 from envpred.errors import UserError
-from envpred.store import StoredDrive
+from envpred.store import MANIFEST, StoredDrive, check_content
 from tests.store.stores import write_store
 
 
@@ -63,3 +64,12 @@ def test_a_store_that_cannot_be_written_is_compared_each_time(store: Path) -> No
     flip(store / "c" / "evidence.npy")
     with pytest.raises(UserError, match="its content has changed"):
         set_up(store, "test")
+
+
+def test_an_array_that_is_not_there_names_the_command(tmp_path: Path) -> None:
+    store = write_store(tmp_path / "grids", {"a": list(range(8))}, cells=8)
+    manifest = json.loads((store / "a" / MANIFEST).read_text())
+    del manifest["arrays"]["pose"]
+    (store / "a" / MANIFEST).write_text(json.dumps(manifest))
+    with pytest.raises(UserError, match=r"a: holds no array 'pose'; build it with `envpred grids"):
+        check_content(store, [StoredDrive(store / "a")], ["label", "pose"])

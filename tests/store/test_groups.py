@@ -10,7 +10,7 @@ import pytest
 from envpred.errors import UserError
 from envpred.store import GROUPS, MANIFEST, DriveWriter, Store
 from envpred.store.groups import OPTIONS, group_of
-from tests.store.small import VELOCITY, label, write
+from tests.store.small import ABOUT, VELOCITY, label, write
 from tests.store.stores import write_store
 
 
@@ -85,7 +85,7 @@ def test_what_a_drive_lacks(store: Path) -> None:
 def test_two_groups_are_written_in_one_step(tmp_path: Path) -> None:
     write(tmp_path)
     wide = np.zeros((5, 16, 16), np.uint8)
-    with DriveWriter(tmp_path, "a", "mapping", "k", {"lattice": 1}, {"context": "c"}) as out:
+    with DriveWriter(tmp_path, "a", "mapping", "k", ABOUT, {"context": "c"}) as out:
         out.add("label", np.uint8, (5, 8, 8)).extend(label(1))
         out.add("context_label", np.uint8, wide.shape, "context").extend(wide)
     drive = Store(tmp_path).drives["a"]

@@ -63,7 +63,7 @@ def test_flipped_byte_is_found(store: Path, capsys: pytest.CaptureFixture[str]) 
 def test_truncated_array_is_an_error_that_names_it(store: Path, keep: int) -> None:
     file = store / "a" / "label.npy"
     file.write_bytes(file.read_bytes()[:keep])
-    with pytest.raises(UserError, match=r"a/label\.npy: missing or damaged; delete .*/a and run"):
+    with pytest.raises(UserError, match=r"a/label\.npy: damaged, .*; delete .*/a and run"):
         StoredDrive(store / "a").array("label")
 
 
@@ -75,7 +75,7 @@ def test_missing_array_is_an_error_that_names_it(store: Path) -> None:
 
 def test_array_of_another_shape_is_refused(store: Path) -> None:
     np.save(store / "a" / "label.npy", label()[:3])
-    with pytest.raises(UserError, match=r"label\.npy: uint8\(3, 8, 8\) is not what its manifest says"):
+    with pytest.raises(UserError, match=r"label\.npy: damaged, .*uint8\(3, 8, 8\) is not what its manifest says"):
         StoredDrive(store / "a").array("label")
 
 
@@ -90,7 +90,7 @@ def test_array_outside_its_drive_is_not_read(store: Path) -> None:
 
 def test_pickled_array_is_not_loaded(store: Path) -> None:
     np.save(store / "a" / "label.npy", np.array([{"a": 1}]), allow_pickle=True)
-    with pytest.raises(UserError, match="missing or damaged"):
+    with pytest.raises(UserError, match="damaged, or not what belongs there"):
         StoredDrive(store / "a").array("label")
 
 
@@ -102,7 +102,7 @@ def test_array_that_was_never_made_names_the_command(store: Path) -> None:
 @pytest.mark.parametrize("content", ["", "{", "[]", "null"])
 def test_damaged_manifest_is_named(store: Path, content: str) -> None:
     (store / "a" / MANIFEST).write_text(content)
-    with pytest.raises(UserError, match=r"a/manifest\.json: cannot be read as JSON"):
+    with pytest.raises(UserError, match=r"a/manifest\.json: (cannot be read as JSON|format None)"):
         _ = StoredDrive(store / "a").manifest
 
 
@@ -110,7 +110,7 @@ def test_damaged_manifest_is_named(store: Path, content: str) -> None:
 def test_other_format_is_refused(store: Path, file: str) -> None:
     content = json.loads((store / file).read_text())
     (store / file).write_text(json.dumps({**content, "format": 99}))
-    with pytest.raises(UserError, match=rf"{file}: format 99 is not {FORMAT}"):
+    with pytest.raises(UserError, match=rf"{file}: format 99, this version reads {FORMAT}"):
         _ = Store(store).drives["a"].manifest
 
 

@@ -149,7 +149,7 @@ def test_crash_while_a_group_is_built_again_leaves_the_old_one(
 
 
 def test_group_built_again_replaces_all_its_arrays(store: Path) -> None:
-    forecast = np.zeros((FRAMES, 3), np.uint8)
+    forecast = np.zeros((FRAMES, 3, 8, 8), np.uint8)
     write(store, group="dogma", key="k1", arrays={"velocity": VELOCITY, "particle_forecast": forecast})
     for times in (2, 3, 4):
         write(store, group="dogma", key=f"k{times}", arrays={"velocity": times * VELOCITY})

@@ -85,6 +85,8 @@ def test_hash_tells_spaces_apart(space_file: Path, tmp_path: Path) -> None:
             "not searched further up; did you mean a.abc?",
         ),
         ("config: x.yaml", "names no argument"),
+        ("config: {a: 1}\nmodel.t1_lr: {low: 1, high: 2}", "config: Expected str | array, got object"),
+        ("model.t1_lr: {type: [int], low: 1, high: 2}", "neither float nor int"),
         ("[1, 2", "cannot be read as YAML"),
     ],
 )

@@ -37,6 +37,17 @@ def test_a_line_torn_by_a_kill_is_cut_off(tmp_path: Path) -> None:
     assert all(json.loads(line) for line in (tmp_path / JOURNAL).read_text().splitlines())
 
 
+@pytest.mark.parametrize("line", [b"[]\n", b'{"op_code": 99}\n', b"\xff\n", b'{"op_code"\n'])
+def test_a_damaged_journal_is_one_line(tmp_path: Path, line: bytes) -> None:
+    study = study_in(tmp_path)
+    study.tell(study.ask(), 1.0)
+    for lines in ([line], [line, *(tmp_path / JOURNAL).read_bytes().splitlines(True)[:1]]):
+        with (tmp_path / JOURNAL).open("ab") as journal:
+            journal.writelines(lines)
+        with pytest.raises(UserError, match=r"journal\.log: damaged, its lines do not tell a study \(.+\); .*--name"):
+            study_in(tmp_path)
+
+
 def test_a_full_disk_is_one_line_and_the_study_goes_on(tmp_path: Path) -> None:
     disk = tmp_path / "disk"
     mount(disk, "-t", "tmpfs", "-o", "size=16k", "tmpfs")

@@ -14,7 +14,7 @@ from sweeps.runs.trial import TrialFailedError
 from sweeps.study.retry import MAX_LOSSES, REASON, RETRY_OF, WORKER, Pulse, Watch
 from sweeps.study.sampling import pruner, sampler
 from sweeps.study.storage import open_storage
-from sweeps.study.worker import ARGUMENTS, OUT_OF_MEMORY, Worker, check_identity, failed_with, open_study
+from sweeps.study.worker import ARGUMENTS, IDENTITY, OUT_OF_MEMORY, Worker, check_identity, failed_with, open_study
 from tests.remedies import remedy
 
 SAME = {"space": "a", "data": "b"}
@@ -209,6 +209,13 @@ def test_an_interrupted_trial_is_run_again(tmp_path: Path) -> None:
     Worker(study, storage, 1, square).work()
     assert states(study) == ["FAIL", "COMPLETE"]
     assert study.trials[0].params == study.trials[1].params
+
+
+def test_a_study_without_one_error_a_trial_is_refused(tmp_path: Path) -> None:
+    study, storage = opened(tmp_path)
+    study.set_user_attr(IDENTITY, ["no", "identity"])
+    with pytest.raises(UserError, match=r"the study s is damaged; .*--name"):
+        open_study(storage, "s", SAME, sampler("random", 0), pruner("none"))
 
 
 def test_a_study_of_something_else_is_refused_unless_asked(tmp_path: Path) -> None:
