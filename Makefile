@@ -1,16 +1,18 @@
 # Every target works on a fresh machine: it makes the virtual environment it needs.
 # PYTHON: any Python from 3.11 on.  VENV: where the environment lies.  OLDEST: where that of the
 # oldest releases lies, whose torch brings CUDA's libraries along on Linux (6 GB on the disk).
+# N: how many times as many faults `make faults` tries as the slow tests do.
 # KITTI: a folder of real drives for the demo and the paper; without it they simulate their own.
 PYTHON ?= python3
 VENV ?= .venv
 OLDEST ?= .venv-oldest
 DEMO ?= demo
 PAPER ?= paper
+N ?= 1
 KITTI ?=
 BIN := $(VENV)/bin
 
-.PHONY: install test slow messages oldest lint bench paper demo clean
+.PHONY: install test slow faults messages oldest lint bench paper demo clean
 
 install: $(VENV)/.installed
 
@@ -25,6 +27,10 @@ test: install
 
 slow: install
 	$(BIN)/python -m pytest -m slow
+
+# Kills long commands and damages files, N times as often as `make slow`.
+faults: install
+	ENVPRED_FAULTS=$(N) $(BIN)/python -m pytest -m slow tests/faults
 
 # After test and slow: every message of UserError was provoked, and the commands that it names were run.
 messages: install
