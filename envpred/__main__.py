@@ -1,6 +1,6 @@
 """`python -m envpred`: the same command line as `envpred`."""
 
-from envpred.cli import main
+from envpred.cli import program
 
 if __name__ == "__main__":
-    main()
+    program()

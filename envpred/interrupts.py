@@ -1,77 +1,130 @@
-"""Ctrl-C where its exception could be lost."""
+"""Ctrl-C, and SIGTERM by which clusters and containers end a job: one line, and an exit code that says which it was."""
 
 import os
 import signal
+import sys
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from types import FrameType
 from typing import NoReturn
 
 MESSAGE = "envpred: interrupted; run the same command again to go on"
+SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
+
+class Terminated(KeyboardInterrupt):
+    """SIGTERM: whatever heeds Ctrl-C heeds it too."""
+
+
+def exit_code(interrupt: KeyboardInterrupt) -> int:
+    """128 and the number of the signal, as shells have it."""
+    return 128 + (signal.SIGTERM if isinstance(interrupt, Terminated) else signal.SIGINT)
+
+
+def interrupt(signum: int, frame: FrameType | None = None) -> NoReturn:
+    """Raise what stands for a signal, also as its handler."""
+    raise Terminated if signum == signal.SIGTERM else KeyboardInterrupt
+
+
+@contextmanager
+def raised() -> Iterator[None]:
+    """Let SIGTERM raise an exception, as Ctrl-C does.
+
+    Where Python cannot but ignore an exception (in finalisers, and in what it calls while a process is started), the
+    signal comes once more, a moment later, instead of a traceback.
+    """
+    hook = sys.unraisablehook
+
+    def again(ignored: "sys.UnraisableHookArgs") -> None:
+        if not issubclass(ignored.exc_type, KeyboardInterrupt):
+            hook(ignored)
+            return
+        number = exit_code(ignored.exc_type()) - 128
+        later = threading.Timer(0.05, os.kill, [os.getpid(), number])
+        later.daemon = True
+        later.start()
+
+    sys.unraisablehook = again
+    try:
+        with handled(interrupt):
+            yield
+    finally:
+        sys.unraisablehook = hook
 
 
 def end_at_once(signum: int, frame: FrameType | None) -> NoReturn:
-    """End the process where it stands, as a handler of Ctrl-C."""
+    """End the process where it stands, as a handler of either signal."""
     os.write(2, f"{MESSAGE}\n".encode())
-    os._exit(130)
+    os._exit(128 + signum)
 
 
 @contextmanager
 def ends_at_once() -> Iterator[None]:
-    """Let Ctrl-C end the process where it stands, for as long as nothing has begun that could be lost.
+    """Let either signal end the process where it stands, for as long as nothing has begun that could be lost.
 
     A C extension may turn a KeyboardInterrupt that it meets while it loads into an ImportError, or swallow it.
     """
-    with _handled(end_at_once):
+    with handled(end_at_once):
         yield
 
 
-_pressed = threading.Event()
+def leave(code: int) -> NoReturn:
+    """Exit with a code that stands: while Python takes itself down there is nothing left to interrupt."""
+
+    def end(signum: int, frame: FrameType | None) -> NoReturn:
+        with suppress(Exception):
+            sys.stdout.flush()
+        os._exit(code)
+
+    for number in SIGNALS:
+        signal.signal(number, end)
+    sys.exit(code)
+
+
+_pressed: list[int] = []  # the signals that came while they were `noted`
 
 
 @contextmanager
 def noted(later: bool = False) -> Iterator[None]:
-    """Let Ctrl-C be a KeyboardInterrupt, whatever a library makes of it: what fails after it fails because of it.
+    """Let either signal be an exception, whatever a library makes of it: what fails after it fails because of it.
 
-    Where an exception at any moment could leave a lock behind, it is one `later`, at the next `heed`; so is SIGTERM.
+    Where an exception at any moment could leave a lock behind, it is one `later`, at the next `heed`.
     """
 
     def note(signum: int, frame: FrameType | None) -> None:
-        _pressed.set()
+        _pressed.append(signum)
         if not later:
-            raise KeyboardInterrupt
+            interrupt(signum)
 
-    with _handled(note, *((signal.SIGTERM,) if later else ())):
+    with handled(note):
         _pressed.clear()
         try:
             yield
-            if later:
-                heed()
+            heed()
         except BaseException:
-            if _pressed.is_set():
-                raise KeyboardInterrupt from None
+            heed()
             raise
         finally:
             _pressed.clear()
 
 
 def heed() -> None:
-    """Raise the KeyboardInterrupt of a `noted` Ctrl-C again: whoever waits calls this, as it may have been lost.
+    """Raise the exception of a `noted` signal again: whoever waits calls this, as it may have been lost.
 
     Python loses it in finalisers, and in what it calls while a process is started.
     """
-    if _pressed.is_set():
-        raise KeyboardInterrupt
+    if _pressed:
+        interrupt(_pressed[0])
 
 
 @contextmanager
-def _handled(handler: Callable[[int, FrameType | None], None], *signals: signal.Signals) -> Iterator[None]:
-    """Give Ctrl-C, and other `signals`, to a handler."""
+def handled(handler: Callable[[int, FrameType | None], object]) -> Iterator[None]:
+    """Give both signals to a handler meanwhile."""
     if threading.current_thread() is not threading.main_thread():  # only that one may set signal handlers
         yield
         return
-    before = {number: signal.signal(number, handler) for number in (signal.SIGINT, *signals)}
+    before = {number: signal.signal(number, handler) for number in SIGNALS}
     try:
         yield
     finally:

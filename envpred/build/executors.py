@@ -15,6 +15,7 @@ from typing import Any, Protocol, TypeVar
 from tqdm import tqdm
 
 from envpred.errors import UserError
+from envpred.interrupts import handled, interrupt
 
 
 def available_cores() -> int:
@@ -61,8 +62,9 @@ def in_processes(job: Job[D], drives: list[D], workers: int | None) -> Outcome:
     waiting: set[Future[str | None]] = set()
     others = set(multiprocessing.active_children())
     pool = ProcessPoolExecutor(count, context, initializer=_enter_worker, initargs=(frames,))
+    interrupts: list[int] = []  # to look at: an exception that meets a destructor or a callback would be lost
     try:
-        with _interrupts_kept() as interrupts:
+        with handled(lambda number, _: interrupts.append(number)):
             with _interrupts_blocked():
                 waiting = {pool.submit(_in_worker, job, drive, place) for place, drive in enumerate(drives)}
             while waiting:
@@ -75,11 +77,15 @@ def in_processes(job: Job[D], drives: list[D], workers: int | None) -> Outcome:
                     pass
                 waiting -= finished
                 if interrupts:
-                    raise KeyboardInterrupt
+                    interrupt(interrupts[0])
                 now = sum(frames)
                 yield now - seen, None
                 seen = now
+        if interrupts:  # while the last frames were told
+            interrupt(interrupts[0])
     except BrokenProcessPool:
+        if interrupts:  # by a signal to all processes of a job
+            interrupt(interrupts[0])
         raise UserError(
             "a worker process was killed from outside (out of memory?); finished drives are kept: "
             "run the same command again to go on, with fewer --workers if memory is short"
@@ -89,20 +95,6 @@ def in_processes(job: Job[D], drives: list[D], workers: int | None) -> Outcome:
             for process in set(multiprocessing.active_children()) - others:
                 process.terminate()
         pool.shutdown(wait=True, cancel_futures=True)
-
-
-@contextlib.contextmanager
-def _interrupts_kept() -> Iterator[list[int]]:
-    """Collect Ctrl-C in a list to look at: an exception that meets a destructor or a callback would be lost."""
-    kept: list[int] = []
-    if threading.current_thread() is not threading.main_thread():  # only that one may set signal handlers
-        yield kept
-        return
-    handler = signal.signal(signal.SIGINT, lambda number, _: kept.append(number))
-    try:
-        yield kept
-    finally:
-        signal.signal(signal.SIGINT, handler)
 
 
 @contextlib.contextmanager

@@ -9,9 +9,20 @@ while libraries load is to end like any other.
 
 import os
 import sys
+from typing import NoReturn
 
 from envpred.errors import UserError
-from envpred.interrupts import MESSAGE, ends_at_once
+from envpred.interrupts import MESSAGE, ends_at_once, exit_code, leave, raised
+
+
+def program() -> NoReturn:
+    """What the console script runs: `main`, whose exit code stands from its end on."""
+    code = 0
+    try:
+        main()
+    except SystemExit as end:
+        code = end.code if isinstance(end.code, int) else int(end.code is not None)
+    leave(code)
 
 
 def main(args: list[str] | None = None) -> None:
@@ -20,13 +31,14 @@ def main(args: list[str] | None = None) -> None:
     if os.getcwd() not in sys.path:
         sys.path.append(os.getcwd())  # classes of the user's own are named by files in the current folder
     try:
-        _run(args)
+        with raised():
+            _run(args)
     except UserError as error:
         print(f"envpred: {error}", file=sys.stderr)
         sys.exit(1)
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as interrupt:
         print(MESSAGE, file=sys.stderr)
-        sys.exit(130)
+        sys.exit(exit_code(interrupt))
 
 
 def _run(args: list[str]) -> None:

@@ -12,9 +12,7 @@ from lightning.pytorch.callbacks import ModelCheckpoint
 from lightning.pytorch.trainer.states import TrainerFn
 from lightning.pytorch.utilities.exceptions import SIGTERMException
 
-from envpred.interrupts import MESSAGE, heed, noted
-
-INTERRUPTED, TERMINATED = 130, 143  # exit codes, 128 and the signal's number
+from envpred.interrupts import MESSAGE, Terminated, exit_code, heed, noted
 
 
 @contextmanager
@@ -28,19 +26,15 @@ def told_if_ended(trainer: Trainer) -> Iterator[None]:
         with noted():
             trainer.callbacks.append(_Heeded())  # type: ignore[attr-defined]
             yield
-    except SIGTERMException:
-        code = TERMINATED
-    except KeyboardInterrupt:
-        code = INTERRUPTED
-    else:
-        return
-    if trainer.is_global_zero:
-        print(_line(trainer), file=sys.stderr, flush=True)
-    sys.exit(code)
+    except (KeyboardInterrupt, SIGTERMException) as ended:
+        if trainer.is_global_zero:
+            print(_line(trainer), file=sys.stderr, flush=True)
+        interrupt = ended if isinstance(ended, KeyboardInterrupt) else Terminated()  # of another process of a training
+        sys.exit(exit_code(interrupt))
 
 
 class _Heeded(Callback):
-    """Ends what a trainer does also where a library has swallowed the exception of Ctrl-C."""
+    """Ends what a trainer does also where a library has swallowed the exception of a signal."""
 
     def _heed(self, *_: Any, **__: Any) -> None:
         heed()

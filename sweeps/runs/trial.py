@@ -11,7 +11,7 @@ from typing import Any
 import yaml
 
 from envpred.errors import UserError
-from envpred.interrupts import heed
+from envpred.interrupts import SIGNALS, heed
 
 from . import processes
 from .progress import Progress, epochs_of
@@ -30,6 +30,10 @@ class TrialFailedError(Exception):
     def __init__(self, reason: str, out_of_memory: bool = False) -> None:
         super().__init__(reason)
         self.out_of_memory = out_of_memory
+
+
+class TrialEndedError(TrialFailedError):
+    """A trial that a signal from outside has ended, whatever its values are."""
 
 
 def fit(config: Path, folder: Path) -> list[str]:
@@ -70,6 +74,7 @@ class Runner:
 
         Raises:
             TrialFailedError: with the reason.
+            TrialEndedError: where its values are not to blame.
             UserError: if the disk is full.
         """
         folder = self.folder / f"{number:04d}"
@@ -90,6 +95,7 @@ class Runner:
             finally:
                 processes.stop(process)
         if code != 0:
+            heed()  # of what has ended this process's trial, too
             raise failure(folder / LOG, code)
         try:
             return progress.score()
@@ -107,6 +113,9 @@ def failure(log: Path, code: int) -> Exception:
         return UserError(f"{log.parent}: the disk is full; make room, then run the same command again to go on")
     if code == -9:
         return TrialFailedError("killed from outside (out of memory?)", out_of_memory=True)
+    ended = next((number for number in SIGNALS if code in (-number, 128 + number)), None)
+    if ended is not None:
+        return TrialEndedError(f"ended from outside by {ended.name}")
     if code < 0:
         return TrialFailedError(f"ended by signal {-code}: {reason}")
     return TrialFailedError(reason, out_of_memory=MEMORY.search(text) is not None)

@@ -16,7 +16,7 @@ from optuna.trial import FrozenTrial, TrialState
 from envpred.errors import UserError
 from envpred.interrupts import heed
 
-from ..runs.trial import TrialFailedError
+from ..runs.trial import TrialEndedError, TrialFailedError
 from .retry import REASON, RETRY_OF, Pulse, Watch, give_up
 
 IDENTITY = "identity"
@@ -163,6 +163,8 @@ class Worker:
             trial.set_user_attr(REASON, f"pruned {pruned}")
             self.study.tell(trial, state=TrialState.PRUNED)
             self.say(f"trial {trial.number}: pruned {pruned}")
+        except TrialEndedError as ended:
+            give_up(self.study, self._frozen(trial), str(ended), lost=True, say=self.say)
         except TrialFailedError as failed:
             trial.set_user_attr(REASON, str(failed))
             trial.set_user_attr(OUT_OF_MEMORY, failed.out_of_memory)

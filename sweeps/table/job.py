@@ -11,6 +11,7 @@ from typing import Any
 from envpred.cli.arguments import FitArguments
 from envpred.datamodules import GridDataModule
 from envpred.errors import UserError
+from envpred.interrupts import heed
 from envpred.results.result import RESULT, read_result
 from envpred.results.validations import VALIDATIONS, read_validations
 from envpred.store import digest
@@ -101,4 +102,5 @@ class Job:
             finally:
                 processes.stop(process)
         if code:
+            heed()  # of what has ended the run, too
             raise failure(log, code)

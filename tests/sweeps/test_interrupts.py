@@ -116,7 +116,7 @@ def test_while_the_journal_is_locked(
     monkeypatch.setenv("STUB_SECONDS", "30")
     with pytest.raises(SystemExit) as stop:
         tune.main(tuning(store, space_file, tmp_path, "--name=a", "--grace=1"))
-    assert (struck, stop.value.code) == ([number], 130)
+    assert (struck, stop.value.code) == ([number], 128 + number)
     assert "interrupted; run the same command again" in capsys.readouterr().err
     assert not left_behind
 

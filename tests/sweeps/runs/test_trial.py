@@ -19,7 +19,7 @@ from envpred.results.validations import VALIDATIONS, History, read_validations
 from envpred.store.files import write_json
 from sweeps.runs import processes
 from sweeps.runs.progress import Progress, epochs_of
-from sweeps.runs.trial import CONFIG, DEFAULTS, LOG, Runner, TrialFailedError, failure, fit, logged_to
+from sweeps.runs.trial import CONFIG, DEFAULTS, LOG, Runner, TrialEndedError, TrialFailedError, failure, fit, logged_to
 from tests.build import builds
 from tests.sweeps import stub
 
@@ -127,6 +127,16 @@ def test_reasons_of_failures(tmp_path: Path, said: str, code: int, reason: str, 
     assert isinstance(failed, TrialFailedError)
     assert str(failed).startswith(reason)
     assert failed.out_of_memory == memory
+
+
+@pytest.mark.parametrize(
+    ("code", "name"), [(-signal.SIGTERM, "SIGTERM"), (143, "SIGTERM"), (-signal.SIGINT, "SIGINT"), (130, "SIGINT")]
+)
+def test_a_run_that_a_signal_has_ended_is_told_from_one_that_failed(tmp_path: Path, code: int, name: str) -> None:
+    (tmp_path / LOG).write_text("envpred: interrupted after 1 of 3 epochs")
+    ended = failure(tmp_path / LOG, code)
+    assert isinstance(ended, TrialEndedError)
+    assert str(ended) == f"ended from outside by {name}"
 
 
 def test_a_full_disk_is_no_fault_of_the_values(tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ from optuna.trial import TrialState
 
 from envpred.errors import UserError
 from sweeps.runs.processes import identity
-from sweeps.runs.trial import TrialFailedError
+from sweeps.runs.trial import TrialEndedError, TrialFailedError
 from sweeps.study.retry import MAX_LOSSES, REASON, RETRY_OF, WORKER, Pulse, Watch
 from sweeps.study.sampling import pruner, sampler
 from sweeps.study.storage import open_storage
@@ -68,6 +68,27 @@ def test_failures_are_kept_with_their_reason_and_made_up_for(tmp_path: Path) -> 
     Worker(study, storage, 3, objective).work()
     assert states(study) == ["COMPLETE", "FAIL", "FAIL", "COMPLETE", "COMPLETE"]
     assert study.trials[1].user_attrs[REASON] == "val/mse is nan"
+
+
+def test_a_trial_that_a_signal_has_ended_is_run_again(tmp_path: Path) -> None:
+    """It counts neither as failed nor as lost for ever; nor is it run again and again."""
+
+    def objective(trial: optuna.Trial, on_rung: Rung, on_poll: Poll) -> float:
+        value = square(trial, on_rung, on_poll)
+        if trial.number in ended:
+            raise TrialEndedError("ended from outside by SIGTERM")
+        return value
+
+    ended = {1, 2}
+    study, storage = opened(tmp_path / "a")
+    Worker(study, storage, 2, objective, max_failures=1).work()
+    assert states(study) == ["COMPLETE", "FAIL", "FAIL", "COMPLETE"]
+    assert [trial.user_attrs.get(RETRY_OF) for trial in study.trials] == [None, None, 1, 2]
+    assert len({trial.params["x"] for trial in study.trials[1:]}) == 1
+    ended = set(range(MAX_LOSSES + 1))
+    study, storage = opened(tmp_path / "b")
+    Worker(study, storage, 1, objective).work()
+    assert [trial.user_attrs.get(RETRY_OF) for trial in study.trials] == [None, *range(MAX_LOSSES), None]
 
 
 def test_failure_after_failure_ends_the_study(tmp_path: Path) -> None:
