@@ -8,8 +8,8 @@ VENV ?= .venv
 OLDEST ?= .venv-oldest
 DEMO ?= demo
 PAPER ?= paper
-N ?= 1
 KITTI ?=
+N ?= 20
 BIN := $(VENV)/bin
 
 .PHONY: install test slow faults messages oldest lint bench paper demo clean
