@@ -4,6 +4,7 @@ import os
 import signal
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from types import FrameType
@@ -11,6 +12,7 @@ from typing import NoReturn
 
 MESSAGE = "envpred: interrupted; run the same command again to go on"
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
+TWICE = 1.0  # seconds in which a signal that comes again is the same one: it is sent to a process and to its group
 
 
 class Terminated(KeyboardInterrupt):
@@ -22,9 +24,21 @@ def exit_code(interrupt: KeyboardInterrupt) -> int:
     return 128 + (signal.SIGTERM if isinstance(interrupt, Terminated) else signal.SIGINT)
 
 
-def interrupt(signum: int, frame: FrameType | None = None) -> NoReturn:
-    """Raise what stands for a signal, also as its handler."""
+_since: list[float] = []  # when the first signal was raised
+
+
+def interrupt(signum: int) -> NoReturn:
+    """Raise what stands for a signal."""
+    _since.append(time.monotonic())
     raise Terminated if signum == signal.SIGTERM else KeyboardInterrupt
+
+
+def _raise(signum: int, frame: FrameType | None) -> None:
+    """Raise what stands for a signal, as its handler; who presses Ctrl-C again cannot wait for what is put in order."""
+    if not _since:
+        interrupt(signum)
+    if time.monotonic() - _since[0] > TWICE:
+        end_at_once(signum, frame)
 
 
 @contextmanager
@@ -41,13 +55,15 @@ def raised() -> Iterator[None]:
             hook(ignored)
             return
         number = exit_code(ignored.exc_type()) - 128
+        _since.clear()
         later = threading.Timer(0.05, os.kill, [os.getpid(), number])
         later.daemon = True
         later.start()
 
     sys.unraisablehook = again
+    _since.clear()
     try:
-        with handled(interrupt):
+        with handled(_raise):
             yield
     finally:
         sys.unraisablehook = hook
@@ -69,16 +85,24 @@ def ends_at_once() -> Iterator[None]:
         yield
 
 
-def leave(code: int) -> NoReturn:
-    """Exit with a code that stands: while Python takes itself down there is nothing left to interrupt."""
+def program(main: Callable[[], None]) -> NoReturn:
+    """Run what is all that this process is there for; its exit code stands from its end on.
+
+    While Python takes itself down, there is nothing left to interrupt.
+    """
+    code = 0
 
     def end(signum: int, frame: FrameType | None) -> NoReturn:
         with suppress(Exception):
             sys.stdout.flush()
         os._exit(code)
 
-    for number in SIGNALS:
-        signal.signal(number, end)
+    _give(_raise)
+    try:
+        main()
+    except SystemExit as ended:
+        code = ended.code if isinstance(ended.code, int) else int(ended.code is not None)
+    _give(end)
     sys.exit(code)
 
 
@@ -95,8 +119,9 @@ def noted(later: bool = False) -> Iterator[None]:
     def note(signum: int, frame: FrameType | None) -> None:
         _pressed.append(signum)
         if not later:
-            interrupt(signum)
+            _raise(signum, frame)
 
+    _since.clear()
     with handled(note):
         _pressed.clear()
         try:
@@ -124,9 +149,15 @@ def handled(handler: Callable[[int, FrameType | None], object]) -> Iterator[None
     if threading.current_thread() is not threading.main_thread():  # only that one may set signal handlers
         yield
         return
-    before = {number: signal.signal(number, handler) for number in SIGNALS}
+    before = {number: signal.getsignal(number) for number in SIGNALS}
+    _give(handler)
     try:
         yield
     finally:
         for number, other in before.items():
             signal.signal(number, other)
+
+
+def _give(handler: Callable[[int, FrameType | None], object]) -> None:
+    for number in SIGNALS:
+        signal.signal(number, handler)

@@ -6,9 +6,11 @@ import sys
 
 import pytest
 
+from envpred.interrupts import MESSAGE
+
 SENT = """
 import atexit, os, sys, time
-from envpred.interrupts import exit_code, leave, raised
+from envpred.interrupts import exit_code, program, raised, TWICE
 
 def strike(*_):
     os.kill(os.getpid(), int(sys.argv[1]))
@@ -28,9 +30,26 @@ except KeyboardInterrupt as interrupt:
 """
 
 LEFT = """
+def main():
+    print("done")
+    sys.exit(3)
+
 atexit.register(strike)
-print("done")
-leave(3)
+program(main)
+"""
+
+AGAIN = """
+def main():
+    try:
+        with raised():
+            strike()
+    except KeyboardInterrupt as interrupt:
+        time.sleep(TIMES * TWICE)
+        os.kill(os.getpid(), int(sys.argv[1]))
+        print("put in order")
+        sys.exit(exit_code(interrupt))
+
+program(main)
 """
 
 
@@ -47,3 +66,10 @@ def test_an_exception_that_python_ignores_comes_again(number: int) -> None:
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_the_exit_code_of_what_is_done_stands(number: int) -> None:
     assert run(LEFT, number) == (3, "done\n", "")
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_that_comes_twice_is_one_and_one_that_comes_later_ends_at_once(number: int) -> None:
+    """As `timeout` sends it, to the process and to its group; and as somebody presses Ctrl-C who cannot wait."""
+    assert run(AGAIN.replace("TIMES", "0.0"), number) == (128 + number, "put in order\n", "")
+    assert run(AGAIN.replace("TIMES", "1.1"), number) == (128 + number, "", f"{MESSAGE}\n")

@@ -11,18 +11,14 @@ import os
 import sys
 from typing import NoReturn
 
+from envpred import interrupts
 from envpred.errors import UserError
-from envpred.interrupts import MESSAGE, ends_at_once, exit_code, leave, raised
+from envpred.interrupts import MESSAGE, ends_at_once, exit_code, raised
 
 
 def program() -> NoReturn:
-    """What the console script runs: `main`, whose exit code stands from its end on."""
-    code = 0
-    try:
-        main()
-    except SystemExit as end:
-        code = end.code if isinstance(end.code, int) else int(end.code is not None)
-    leave(code)
+    """What the console script runs."""
+    interrupts.program(main)
 
 
 def main(args: list[str] | None = None) -> None:
