@@ -1,5 +1,6 @@
 """Ctrl-C, and SIGTERM by which clusters and containers end a job: one line, and an exit code that says which it was."""
 
+import atexit
 import os
 import signal
 import sys
@@ -88,18 +89,23 @@ def ends_at_once() -> Iterator[None]:
 def program(main: Callable[[], None]) -> NoReturn:
     """Run what is all that this process is there for; its exit code stands from its end on.
 
-    While Python takes itself down, there is nothing left to interrupt.
+    While Python takes itself down, there is nothing left to interrupt.  But long before it is done, it gives signals
+    back to the kernel, which would end it by them; so all but what others have registered for the end is left out.
     """
-    code = 0
+    code = 1
 
-    def end(signum: int, frame: FrameType | None) -> NoReturn:
-        with suppress(Exception):
-            sys.stdout.flush()
-        os._exit(code)
+    def end(*_: object) -> None:
+        with suppress(OSError, ValueError, RuntimeError):  # which Python tells on its own way down
+            for stream in (sys.stdout, sys.stderr):
+                if stream is not None:  # it is where it was closed
+                    stream.flush()
+            os._exit(code)
 
+    atexit.register(end)  # the first one is called last
     _give(_raise)
     try:
         main()
+        code = 0
     except SystemExit as ended:
         code = ended.code if isinstance(ended.code, int) else int(ended.code is not None)
     _give(end)

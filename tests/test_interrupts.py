@@ -31,10 +31,17 @@ except KeyboardInterrupt as interrupt:
 
 LEFT = """
 def main():
+    atexit.register(strike)
     print("done")
     sys.exit(3)
 
-atexit.register(strike)
+program(main)
+"""
+
+FAILED = """
+def main():
+    raise ValueError("a mistake of ours")
+
 program(main)
 """
 
@@ -66,6 +73,8 @@ def test_an_exception_that_python_ignores_comes_again(number: int) -> None:
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_the_exit_code_of_what_is_done_stands(number: int) -> None:
     assert run(LEFT, number) == (3, "done\n", "")
+    code, _, told = run(FAILED, number)
+    assert (code, told.splitlines()[-1]) == (1, "ValueError: a mistake of ours")
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
