@@ -1,7 +1,7 @@
 """The grids that an ablation needs beside those it was given: the same drives, made in another way."""
 
-import subprocess
 import sys
+import tempfile
 from collections.abc import Callable
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -11,12 +11,14 @@ import numpy as np
 
 from envpred.build.dogma import build_dogma
 from envpred.errors import UserError
+from envpred.interrupts import heed
 from envpred.mapping.dogma import DogmaParameters
 from envpred.mapping.particle_state import GROUND, ParticleFilterParameters
 from envpred.store import FORMAT, GROUPS, DriveWriter, Store, StoredDrive
 from envpred.store.files import flat
 from envpred.store.groups import command as making
 
+from ..runs import processes
 from .plan import MAIN
 from .rollouts import ROLLOUT
 
@@ -128,11 +130,17 @@ def command(key: str, main: Path, folder: Path, source: Path | None) -> list[str
 
 
 def _map(key: str, folder: Path, options: list[str]) -> None:
-    done = subprocess.run(
-        [sys.executable, "-m", "envpred", "grids", *options], stderr=subprocess.PIPE, text=True, check=False
-    )
-    if done.returncode:
-        lines = [line for line in done.stderr.splitlines() if line.startswith("envpred: ")] or [done.stderr[-300:]]
+    with tempfile.TemporaryFile() as log:
+        process = processes.start([sys.executable, "-m", "envpred", "grids", *options], log)
+        try:
+            code = processes.wait(process)
+        finally:
+            processes.stop(process)
+        log.seek(0)
+        said = log.read().decode(errors="replace")
+    if code:
+        heed()  # of what has ended the mapping, too
+        lines = [line for line in said.splitlines() if line.startswith("envpred: ")] or [said[-300:]]
         raise UserError(f"the store of {key} cannot be built: {lines[-1].removeprefix('envpred: ')}")
 
 
