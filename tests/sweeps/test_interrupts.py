@@ -73,7 +73,7 @@ def test_while_runs_go_on(
     store: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Then what runs is ended in order, whatever becomes of the exception."""
-    monkeypatch.setattr(ablation, "_do", swallow)
+    monkeypatch.setattr(ablation, "execute", swallow)
     handler = signal.getsignal(signal.SIGINT)
     with pytest.raises(SystemExit) as stop:
         ablation.main([f"--store={store}", f"--out={tmp_path}", f"--config={SMALL}", "--variants=[]", "--switches=[]"])
