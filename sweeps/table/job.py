@@ -51,7 +51,9 @@ class Job:
         return self.folder / RESULT
 
     def is_done(self) -> bool:
-        """Whether its result is there, of the grids as they are now."""
+        """Whether its test has reached its end, and its result is of the grids as they are now."""
+        if not (self.folder / SECONDS).is_file():  # the result is there before its pictures are
+            return False
         try:
             told = read_result(self.result)["data"]
         except UserError:
@@ -73,7 +75,8 @@ class Job:
         """
         start = time.monotonic()
         self.folder.mkdir(parents=True, exist_ok=True)
-        self.result.unlink(missing_ok=True)
+        for of_last_time in (self.folder / SECONDS, self.result):
+            of_last_time.unlink(missing_ok=True)
         replace_text(self.folder / CONFIG, as_yaml(dict(self.config)))
         checkpoints = self.folder / "checkpoints"
         if self.run.trains and read_validations(self.folder).ended is None:

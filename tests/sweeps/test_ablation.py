@@ -11,7 +11,7 @@ from envpred.cli import main as envpred
 from envpred.results.result import RESULT
 from sweeps.ablation import main
 from sweeps.runs.trial import TrialFailedError, logged_to
-from sweeps.table.job import CONFIG, Job
+from sweeps.table.job import CONFIG, SECONDS, Job
 from tests.remedies import remedy
 from tests.store.stores import write_store
 from tests.sweeps.conftest import SMALL, tuning
@@ -78,9 +78,11 @@ def test_from_the_plan_to_the_report_and_not_twice(
     assert called == []
     assert "0 of 5 runs" in capsys.readouterr().out
 
-    (job / "result.json").unlink()  # interrupted between training and test
-    main(arguments(store, out))
-    assert called == ["test t5_only"]
+    for missing in (RESULT, SECONDS):  # interrupted between training and test, and between result and pictures
+        (job / missing).unlink()
+        called.clear()
+        main(arguments(store, out))
+        assert called == ["test t5_only"]
 
     capsys.readouterr()
     main(arguments(store, out, "--data.samples=2", "--dry_run=true"))  # another configuration
