@@ -142,7 +142,7 @@ def test_a_flipped_bit_anywhere_is_one_line(store: Path, tmp_path: Path) -> None
 
 def test_a_checkpoint_is_read_for_its_checksum_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     io, file = OwnFiles(), tmp_path / "a.ckpt"
-    io.save_checkpoint({"state_dict": {"a": torch.zeros(1000)}}, file)
+    io.save_checkpoint({**LEAST, "state_dict": {"a": torch.zeros(1000)}}, file)
     read: list[Path] = []
 
     def noted(file: Path, stop: int) -> int:
@@ -160,9 +160,10 @@ def test_a_checkpoint_is_read_for_its_checksum_once(tmp_path: Path, monkeypatch:
 
 
 def test_a_checkpoint_of_another_hand_is_loaded_with_a_note(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    torch.save({"state_dict": {"a": torch.zeros(10)}}, tmp_path / "a.ckpt")
-    torch.save({"state_dict": {"a": torch.zeros(10)}}, tmp_path / "b.ckpt", _use_new_zipfile_serialization=False)
-    OwnFiles().save_checkpoint({"state_dict": {}}, tmp_path / "c.ckpt")
+    content = {**LEAST, "state_dict": {"a": torch.zeros(10)}}
+    torch.save(content, tmp_path / "a.ckpt")
+    torch.save(content, tmp_path / "b.ckpt", _use_new_zipfile_serialization=False)
+    OwnFiles().save_checkpoint(content, tmp_path / "c.ckpt")
     with caplog.at_level("INFO"):
         for name in "abc":
             read_checkpoint(tmp_path / f"{name}.ckpt")
