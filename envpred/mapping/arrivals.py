@@ -39,14 +39,15 @@ def arrivals(
     earlier = shifted(occupancy[before], centre_cell[frame] - centre_cell[before], fill=0.5)
     came = (occupancy[frame] >= OCCUPIED_FROM) & (earlier < FREE_BELOW)
     patches, _ = ndimage.label(came, EIGHT)
-    sizes = np.bincount(patches.ravel())
+    cells, patch = np.argwhere(came), patches[came]
+    sizes = np.bincount(patch, minlength=1)[1:]
+    places = np.split(cells[np.argsort(patch, kind="stable")], np.cumsum(sizes)[:-1]) if len(sizes) else []
+    middle = np.array(came.shape) // 2
     found = []
     for n in np.argsort(-sizes, kind="stable"):
-        if n == 0 or not area[0] <= sizes[n] * resolution**2 <= area[1]:
-            continue
-        place = np.argwhere(patches == n)
-        if np.hypot(*(place.mean(axis=0) - np.array(came.shape) // 2)) * resolution >= EGO_REACH:
-            found.append(place)
+        thing = area[0] <= sizes[n] * resolution**2 <= area[1]
+        if thing and np.hypot(*(places[n].mean(axis=0) - middle)) * resolution >= EGO_REACH:
+            found.append(places[n])
     return found
 
 
