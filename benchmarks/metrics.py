@@ -13,7 +13,9 @@ import time
 import torch
 from torch import Tensor
 
+from envpred.mapping.geometry import FREE, OCCUPIED
 from envpred.metrics.collection import forecast_metrics
+from envpred.metrics.outcome import measured
 from envpred.networks.prednet import PredNet
 
 GIVEN, HORIZONS, CELLS = 5, 15, 128
@@ -32,6 +34,15 @@ def drifting_masses(generator: torch.Generator) -> Tensor:
 def pignistic(mass: Tensor) -> Tensor:
     """Probability of occupied (B, T, H, W) of masses (B, T, 2, H, W)."""
     return 0.5 * mass[:, :, 0] + 0.5 * (1 - mass[:, :, 1])
+
+
+def told(mass: Tensor) -> dict[str, Tensor]:
+    """What the metrics are told of the frames to come beside their probability: labels, and the kinds of cells."""
+    label = (mass[:, :, 0] > 0) * OCCUPIED + (mass[:, :, 1] > 0) * FREE
+    last, label = label[:, GIVEN - 1 : GIVEN].byte(), label[:, GIVEN:].byte()
+    both, same = measured(last) & measured(label), last == label
+    kinds = {"changed": both & ~same, "static": both & same, "moving": both & ~same, "entering": ~measured(last) & same}
+    return {"label": label, **kinds}
 
 
 def main() -> None:
@@ -53,10 +64,11 @@ def main() -> None:
         with torch.inference_mode():
             forecast = pignistic(network(mass, given=GIVEN))[:, GIVEN:]
         forecasting.append(time.perf_counter() - start)
-        probability = pignistic(mass)
+        probability, beside = pignistic(mass), told(mass)
+        target, last, index = probability[:, GIVEN:], probability[:, GIVEN - 1], torch.tensor([window + warm_up])
         for name, metric in metrics.items(keep_base=True):
             start = time.perf_counter()
-            metric.update(forecast, probability[:, GIVEN:], probability[:, GIVEN - 1], torch.tensor([window + warm_up]))
+            metric.update(forecast, target, last, index, **beside)
             each.setdefault(str(name), []).append(time.perf_counter() - start)
     start = time.perf_counter()
     metrics.compute()

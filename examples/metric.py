@@ -10,6 +10,7 @@ class Confidence(HorizonMetric):
 
     title, unit, digits, factor, direction = "Confidence", "", 3, 1.0, "higher"
     higher_is_better = True
+    rewards = "Rewards boldness, right or wrong."
 
     def measure(self, forecast: Tensor, target: Tensor, last: Tensor) -> Tensor:
         return (forecast - 0.5).abs().mean(dim=(-2, -1))

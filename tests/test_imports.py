@@ -20,7 +20,7 @@ ALLOWED: dict[str, set[str]] = {
     "horizons": set(),
     "compiled": {"__version__"},
     "networks": {"errors"},
-    "metrics": {"compiled", "errors"},
+    "metrics": {"mapping.geometry", "compiled", "errors"},
     "mapping": {"compiled", "errors"},
     "store": {"mapping.geometry", "gate", "errors", "__version__"},
     "drives": {"mapping.geometry", "mapping.period", "gate", "errors"},

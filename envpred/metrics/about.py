@@ -1,4 +1,4 @@
-"""How a metric is written: title, unit, digits, factor and direction, as results carry them."""
+"""How a metric is written: title, unit, digits, factor, direction and what it rewards, as results carry them."""
 
 from collections.abc import Mapping
 from typing import Any, Literal, NamedTuple
@@ -15,6 +15,7 @@ class About(NamedTuple):
         digits: decimals.
         factor: by which values are multiplied before they are written.
         direction: whether `lower` or `higher` is better, or the number that is best.
+        rewards: what a forecast has to do to look good by it, in one sentence; empty where nobody says.
     """
 
     title: str
@@ -22,6 +23,7 @@ class About(NamedTuple):
     digits: int
     factor: float
     direction: Direction
+    rewards: str = ""
 
     @classmethod
     def of(cls, value: Mapping[str, Any]) -> "About":
@@ -32,4 +34,11 @@ class About(NamedTuple):
         """
         way = value["direction"]
         direction: Direction = way if way in ("lower", "higher") else float(way)
-        return cls(str(value["title"]), str(value["unit"]), int(value["digits"]), float(value["factor"]), direction)
+        return cls(
+            str(value["title"]),
+            str(value["unit"]),
+            int(value["digits"]),
+            float(value["factor"]),
+            direction,
+            str(value.get("rewards", "")),
+        )

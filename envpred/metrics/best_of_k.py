@@ -37,6 +37,7 @@ class BestOfK(CellMetric):
     factor = 1e3
     direction = "lower"
     higher_is_better = False
+    rewards = "Rewards one future near what happened among many, and spread for its own sake."
 
     def __init__(self, horizons: int = 15, k: int = K, **kwargs: Any) -> None:
         super().__init__(horizons, **kwargs)

@@ -6,36 +6,32 @@ import torch
 from torch import Tensor
 
 from envpred.metrics.cells import KINDS, key_of, kinds_of
-from envpred.metrics.outcome import outcome
+from envpred.metrics.outcome import histograms
 from envpred.metrics.windows import Judged, PerHorizon, WindowMetric, summarise, without_nan
 
 PARTS = 3  # of a bin: number of cells, sum of their forecasts, number of them occupied
 
 
-def reliability_bins(forecast: Tensor, target: Tensor, bins: int = 10, cells: Tensor | None = None) -> Tensor:
-    """Number of known cells, sum of their forecasts and number of occupied ones per bin: (B, N, 3, bins).
+def reliability_bins(forecast: Tensor, label: Tensor, bins: int = 10, cells: Tensor | None = None) -> Tensor:
+    """Number of measured cells, sum of their forecasts and number of occupied ones per bin: (B, N, 3, bins).
 
-    `forecast` and `target` (B, N, H, W); bin k holds forecasts in [k/bins, (k+1)/bins), the last one 1 as well.  With
+    `forecast` and `label` (B, N, H, W); bin k holds forecasts in [k/bins, (k+1)/bins), the last one 1 as well.  With
     kinds of `cells` (kinds, B, N, H, W), which may overlap: (kinds, B, N, 3, bins).
     """
     kinds = 0 if cells is None else len(cells)
-    pairs, sets = forecast.shape[:2].numel(), 2**kinds
+    sets = 2**kinds
     place = (forecast * bins).int().clamp_(0, bins - 1)
-    # One histogram of all grids at once: [grid, kinds that a cell is of, outcome, bin]; "no evidence" is dropped.
-    grid = torch.arange(pairs, dtype=torch.int32, device=forecast.device).view(*forecast.shape[:2], 1, 1) * sets
-    for n in range(kinds):
+    for n in range(kinds):  # [kinds that a cell is of, bin]
         assert cells is not None
-        grid = grid + cells[n].int() * 2**n
-    place = ((grid * 3 + outcome(target)) * bins + place).flatten()
-    shape = (*forecast.shape[:2], sets, 3, bins)
-    size = pairs * sets * 3 * bins
-    free, full, _ = torch.bincount(place, minlength=size).view(shape).unbind(3)
-    sums = torch.bincount(place, forecast.double().flatten(), minlength=size).view(shape)
-    found = torch.stack([free + full, sums[:, :, :, :2].sum(3), full], dim=3)
+        place += cells[n].int() * (2**n * bins)
+    free, full = histograms(place, label, sets * bins)
+    free_sums, full_sums = histograms(place, label, sets * bins, forecast)
+    shape = (*forecast.shape[:2], sets, bins)
+    parts = torch.stack([part.view(shape) for part in (free + full, free_sums + full_sums, full)], dim=3).float()
     if cells is None:
-        return found[:, :, 0].float()
+        return parts[:, :, 0]
     of = [[k for k in range(sets) if k >> n & 1] for n in range(kinds)]
-    return torch.stack([found[:, :, members].sum(2) for members in of]).float()
+    return torch.stack([parts[:, :, members].sum(2) for members in of])
 
 
 def expected_calibration_error(parts: Tensor) -> Tensor:
@@ -69,13 +65,14 @@ class Reliability:
 class Calibration(WindowMetric):
     """Expected calibration error (`ece`, of each window) and reliability diagram (`reliability`, of all), per horizon.
 
-    Over cells whose target has evidence, and the error over those of each kind as well (`ece_entering_cells`, see
-    `envpred.metrics.cells`).  The error of one window is above that of all windows together, since errors of opposite
-    sign no longer cancel.
+    Over the cells measured in the target frame, and the error over those of each kind as well (`ece_entering_cells`,
+    see `envpred.metrics.cells`).  The error of one window is above that of all windows together, since errors of
+    opposite sign no longer cancel.
 
     >>> import torch
     >>> metric = Calibration(horizons=1)
-    >>> metric.update(torch.full((1, 1, 1, 4), 0.75), torch.tensor([[[[1.0, 1.0, 0.0, 0.0]]]]))
+    >>> forecast, label = torch.full((1, 1, 1, 4), 0.75), torch.tensor([[[[1, 1, 2, 2]]]], dtype=torch.uint8)
+    >>> metric.update(forecast, forecast, label=label)
     >>> metric.compute()["ece"].mean.item()
     0.25
     """
@@ -83,6 +80,8 @@ class Calibration(WindowMetric):
     title = "Calibration error"
     direction = "lower"
     higher_is_better = False
+    rewards = "Rewards probabilities that mean what they say; saying the mean everywhere is enough."
+    needs_label = True
     needs_cells = True
 
     def __init__(self, horizons: int = 15, bins: int = 10, **kwargs: Any) -> None:
@@ -97,13 +96,10 @@ class Calibration(WindowMetric):
     def width(self) -> int:
         return (1 + len(KINDS)) * self.horizons * PARTS * self.bins
 
-    def measure(self, forecast: Tensor, target: Tensor, last: Tensor) -> Tensor:
-        return self.judge(Judged(forecast, target, last))
-
     def judge(self, judged: Judged) -> Tensor:
         every = torch.ones_like(judged.target, dtype=torch.bool)[None]
         kinds = torch.cat([every, kinds_of(judged)])
-        return reliability_bins(judged.forecast, judged.target, self.bins, kinds).transpose(0, 1).flatten(1)
+        return reliability_bins(judged.forecast, judged.label, self.bins, kinds).transpose(0, 1).flatten(1)
 
     def compute(self) -> dict[str, PerHorizon | Reliability]:
         """Over all windows seen in all processes."""

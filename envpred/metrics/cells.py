@@ -1,8 +1,10 @@
 """A score of every cell, averaged over all cells of a grid and over those of each kind.
 
-Dynamic and moving cells are chosen by what happened: there even a calibrated forecast looks too sure of what was likely
-(the forecaster's dilemma, Lerch et al. 2017), so such numbers compare forecasts and judge none.  Entering cells follow
-from where the ego went, whatever was found in them.
+Changed and static cells were measured both in the last frame shown and in the target's, at the same place in the world:
+occupied in one of the two alone, or the same in both.  Moving ones lie around what has moved.  All three are chosen by
+what happened: there even a calibrated forecast looks too sure of what was likely (the forecaster's dilemma, Lerch et
+al. 2017), so such numbers compare forecasts and judge none.  Entering cells follow from where the ego went, whatever
+was found in them.
 """
 
 from abc import abstractmethod
@@ -10,10 +12,10 @@ from abc import abstractmethod
 import torch
 from torch import Tensor
 
-from envpred.metrics.changed_cells import changed, told
+from envpred.metrics.outcome import as_float
 from envpred.metrics.windows import Judged, PerHorizon, WindowMetric, summarise
 
-KINDS = ("dynamic", "moving", "entering")
+KINDS = ("changed", "static", "moving", "entering")  # as `Judged` names them
 
 
 def key_of(name: str, kind: str) -> str:
@@ -22,15 +24,14 @@ def key_of(name: str, kind: str) -> str:
 
 
 def kinds_of(judged: Judged) -> Tensor:
-    """The cells of KINDS (3, B, N, H, W) bool; a kind that is not told has none."""
-    target, last = judged.target, judged.last
-    dynamic = changed(target, last) & ~last.isnan()[:, None]
-    return torch.stack([dynamic, told(judged.moving, target), told(judged.entering, target)])
+    """The cells of KINDS (4, B, N, H, W) bool; a kind that is not told has none."""
+    return torch.stack([judged.changed, judged.static, judged.moving, judged.entering])
 
 
 def means(values: Tensor, counted: Tensor) -> Tensor:
-    """Mean of `values` (B, N, H, W) over the cells that are `counted` (same shape, bool): (B, N), NaN without any."""
-    return (values * counted).sum((-2, -1)) / counted.sum((-2, -1))
+    """Mean of `values` (B, N, H, W) over the `counted` cells (..., B, N, H, W) bool: (..., B, N), NaN without any."""
+    weights = as_float(counted)
+    return (values * weights).sum((-2, -1)) / weights.sum((-2, -1))
 
 
 class KindsMetric(WindowMetric):
@@ -41,9 +42,6 @@ class KindsMetric(WindowMetric):
     @abstractmethod
     def judge(self, judged: Judged) -> Tensor:
         """(B, width) of all that is told of a batch."""
-
-    def measure(self, forecast: Tensor, target: Tensor, last: Tensor) -> Tensor:
-        return self.judge(Judged(forecast, target, last))
 
     @property
     def outputs(self) -> tuple[str, ...]:
@@ -75,8 +73,8 @@ class CellMetric(KindsMetric):
 
     def judge(self, judged: Judged) -> Tensor:
         scores, counted = self.scores(judged), self.counted(judged)
-        kinds = [counted, *(counted & kind for kind in kinds_of(judged))]
-        return torch.stack([means(scores, kind) for kind in kinds], dim=1).flatten(1)
+        kinds = torch.cat([counted[None], kinds_of(judged) & counted])
+        return means(scores, kinds).transpose(0, 1).flatten(1)
 
     def compute(self) -> dict[str, PerHorizon]:
         """Over all windows seen in all processes."""

@@ -1,25 +1,14 @@
 """Squared error where the scene changes and where it does not, where something moves, and where the view is new."""
 
-from abc import abstractmethod
 from typing import Any, Literal
 
-import torch
 from torch import Tensor
 
-from envpred.metrics.outcome import occupied
+from envpred.metrics.cells import means
+from envpred.metrics.outcome import as_float
 from envpred.metrics.windows import HorizonMetric, Judged
 
 Normalise = Literal["masked", "all"]
-
-
-def changed(target: Tensor, last: Tensor) -> Tensor:
-    """Dynamic cells (B, N, H, W): occupied in one and not in the other of `target` (B, N, H, W), `last` (B, H, W)."""
-    return occupied(target) != occupied(last)[:, None]
-
-
-def told(cells: Tensor | None, target: Tensor) -> Tensor:
-    """`cells`, or none of a grid if it is not told which."""
-    return torch.zeros_like(target, dtype=torch.bool) if cells is None else cells
 
 
 def masked_mse(forecast: Tensor, target: Tensor, mask: Tensor, normalise: Normalise = "masked") -> Tensor:
@@ -28,8 +17,8 @@ def masked_mse(forecast: Tensor, target: Tensor, mask: Tensor, normalise: Normal
     The literature divides in two ways that differ by orders of magnitude: by the number of `masked` cells, the mean
     error of such a cell (ours; NaN where there is none), or by the number of `all` cells of the grid.
     """
-    total = ((forecast - target).square() * mask).sum((-2, -1))
-    return total / (mask.sum((-2, -1)) if normalise == "masked" else mask[0, 0].numel())
+    squares = (forecast - target).square_()
+    return means(squares, mask) if normalise == "masked" else (squares * as_float(mask)).mean((-2, -1))
 
 
 class _MaskedMSE(HorizonMetric):
@@ -39,6 +28,7 @@ class _MaskedMSE(HorizonMetric):
     direction = "lower"
     higher_is_better = False
     skip_undefined = True
+    needs_cells = True
 
     def __init__(self, horizons: int = 15, normalise: Normalise = "masked", **kwargs: Any) -> None:
         super().__init__(horizons, **kwargs)
@@ -46,56 +36,49 @@ class _MaskedMSE(HorizonMetric):
             raise ValueError(f"normalise is 'masked' or 'all', not {normalise!r}")
         self.normalise = normalise
 
-    @abstractmethod
-    def cells(self, judged: Judged) -> Tensor:
-        """Cells (B, N, H, W) that count."""
-
-    def measure(self, forecast: Tensor, target: Tensor, last: Tensor) -> Tensor:
-        return self.judge(Judged(forecast, target, last))
-
-    def judge(self, judged: Judged) -> Tensor:
-        return masked_mse(judged.forecast, judged.target, self.cells(judged), self.normalise)
+    def over(self, cells: Tensor, judged: Judged) -> Tensor:
+        """(B, N) over `cells` (B, N, H, W)."""
+        return masked_mse(judged.forecast, judged.target, cells, self.normalise)
 
 
-class DynamicMSE(_MaskedMSE):
-    """Mean squared error over the dynamic cells: those whose occupancy differs from the last grid shown.
+class ChangedMSE(_MaskedMSE):
+    """Mean squared error over the cells that have changed since the last frame shown, as `update` is told them.
 
-    The ego's motion makes cells change as well as movers do, since grids move with the ego.  A window without a dynamic
-    cell at a horizon does not count there.
+    A window without such a cell at a horizon does not count there, here and in the other kinds.
 
     >>> import torch
-    >>> last, target = torch.zeros(1, 2, 2), torch.tensor([[[[1.0, 0.0], [0.0, 0.0]]]])
-    >>> metric = DynamicMSE(horizons=1)
-    >>> metric.update(torch.full_like(target, 0.5), target, last)
+    >>> target = torch.tensor([[[[1.0, 0.0], [0.0, 0.0]]]])
+    >>> metric = ChangedMSE(horizons=1)
+    >>> metric.update(torch.full_like(target, 0.5), target, changed=target > 0)
     >>> metric.compute().mean.item()
     0.25
     """
 
-    name = "mse_dynamic_cells"
-    title = "MSE, dynamic cells"
-    needs_last = True
+    name = "mse_changed_cells"
+    title = "MSE, changed cells"
+    rewards = "Rewards foreseeing where things come and go, and a forecast that is unsure of everything."
 
-    def cells(self, judged: Judged) -> Tensor:
-        return changed(judged.target, judged.last)
+    def judge(self, judged: Judged) -> Tensor:
+        return self.over(judged.changed, judged)
 
 
 class StaticMSE(_MaskedMSE):
-    """Mean squared error over the static cells: those whose occupancy is that of the last grid shown.
+    """Mean squared error over the cells that were measured to be the same as in the last frame shown, as told.
 
     >>> import torch
-    >>> last, target = torch.zeros(1, 2, 2), torch.tensor([[[[1.0, 0.0], [0.0, 0.0]]]])
+    >>> target = torch.tensor([[[[1.0, 0.0], [0.0, 0.0]]]])
     >>> metric = StaticMSE(horizons=1)
-    >>> metric.update(torch.tensor([[[[0.5, 0.3], [0.0, 0.0]]]]), target, last)
+    >>> metric.update(torch.tensor([[[[0.5, 0.3], [0.0, 0.0]]]]), target, static=target == 0)
     >>> round(metric.compute().mean.item(), 4)
     0.03
     """
 
     name = "mse_static_cells"
     title = "MSE, static cells"
-    needs_last = True
+    rewards = "Rewards keeping what stands still, moved with the ego, and a forecast that nothing changes."
 
-    def cells(self, judged: Judged) -> Tensor:
-        return ~changed(judged.target, judged.last)
+    def judge(self, judged: Judged) -> Tensor:
+        return self.over(judged.static, judged)
 
 
 class MovingMSE(_MaskedMSE):
@@ -111,10 +94,10 @@ class MovingMSE(_MaskedMSE):
 
     name = "mse_moving_cells"
     title = "MSE, moving cells"
-    needs_cells = True
+    rewards = "Rewards carrying movers on to where they are found, within a metre of them."
 
-    def cells(self, judged: Judged) -> Tensor:
-        return told(judged.moving, judged.target)
+    def judge(self, judged: Judged) -> Tensor:
+        return self.over(judged.moving, judged)
 
 
 class EnteringMSE(_MaskedMSE):
@@ -130,7 +113,7 @@ class EnteringMSE(_MaskedMSE):
 
     name = "mse_entering_cells"
     title = "MSE, entering cells"
-    needs_cells = True
+    rewards = "Rewards a good guess of what comes into view, of which nothing was seen."
 
-    def cells(self, judged: Judged) -> Tensor:
-        return told(judged.entering, judged.target)
+    def judge(self, judged: Judged) -> Tensor:
+        return self.over(judged.entering, judged)

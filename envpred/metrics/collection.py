@@ -8,7 +8,7 @@ from envpred.errors import UserError
 from envpred.metrics.best_of_k import BestOfK
 from envpred.metrics.brier import Brier
 from envpred.metrics.calibration import Calibration
-from envpred.metrics.changed_cells import DynamicMSE, EnteringMSE, MovingMSE, StaticMSE
+from envpred.metrics.changed_cells import ChangedMSE, EnteringMSE, MovingMSE, StaticMSE
 from envpred.metrics.crps import CRPS
 from envpred.metrics.horizon_mse import HorizonMSE
 from envpred.metrics.image_similarity import Empty, ImageSimilarity
@@ -27,13 +27,16 @@ def forecast_metrics(
 ) -> MetricCollection:
     """All metrics of forecasts at `horizons` steps, to be updated with (forecast, target, last, index).
 
-    By keyword also with `samples`, `moving` and `entering`, see `Judged`.
+    By keyword also with `label`, which many need, `samples` and the kinds of cells, see `Judged`.
 
-    `compute()` gives a dict: `mse`, `mse_dynamic_cells`, `mse_static_cells`, `mse_moving_cells`, `mse_entering_cells`,
-    `iou`, `precision`, `recall`, `roc_auc`, `motion_ratio`, `image_similarity` and its three classes are `PerHorizon`,
-    as are `brier`, `ece`, `crps`, `mse_best_of_k` and these over each kind of cells (`brier_moving_cells`); `skill`
-    (against the static baseline), `spread_skill` and its kinds are a `Ratio`, `reliability` has a type of its own; all
-    have `as_json()`.
+    `compute()` gives a dict: `mse`, `mse_changed_cells`, `mse_static_cells`, `mse_moving_cells`, `mse_entering_cells`,
+    `iou`, `precision`, `recall`, `roc_auc`, `motion_ratio`, `image_similarity`
+    and its three classes are `PerHorizon`, as are `brier`, `ece`, `crps`, `mse_best_of_k` and these over
+    each kind of cells (`brier_moving_cells`); `skill` (against the static baseline), `spread_skill` and its kinds are a
+    `Ratio`, `reliability` has a type of its own; all have `as_json()`.
+
+    Squared error, CRPS, spread and skill, motion ratio and image similarity compare with the `target`, the evidence
+    remembered in the map, as the paper does; the others judge by what was measured in the target's frame alone.
 
     Args:
         horizons: steps that are forecast.
@@ -45,7 +48,7 @@ def forecast_metrics(
     """
     standard: list[WindowMetric] = [
         HorizonMSE(horizons),
-        DynamicMSE(horizons),
+        ChangedMSE(horizons),
         StaticMSE(horizons),
         MovingMSE(horizons),
         EnteringMSE(horizons),

@@ -43,6 +43,7 @@ class CRPS(CellMetric):
     factor = 1e3
     direction = "lower"
     higher_is_better = False
+    rewards = "Rewards samples spread as what may happen is, cell by cell; they need not fit together."
 
     def scores(self, judged: Judged) -> Tensor:
         samples = judged.forecast[:, None] if judged.samples is None else judged.samples

@@ -33,6 +33,7 @@ class HorizonMSE(HorizonMetric):
     factor = 1e3
     direction = "lower"
     higher_is_better = False
+    rewards = "Rewards the expected value of remembered evidence in every cell, measured or not; blur is safe."
 
     def measure(self, forecast: Tensor, target: Tensor, last: Tensor) -> Tensor:
         return horizon_mse(forecast, target)

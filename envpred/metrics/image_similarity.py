@@ -111,6 +111,7 @@ class ImageSimilarity(WindowMetric):
     digits = 2
     direction = "lower"
     higher_is_better = False
+    rewards = "Rewards sure cells near like cells, and sharp pictures: blur leaves no sure cell."
 
     def __init__(self, horizons: int = 15, empty: Empty = "penalty", **kwargs: Any) -> None:
         super().__init__(horizons, **kwargs)

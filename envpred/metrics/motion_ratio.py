@@ -35,6 +35,7 @@ class MotionRatio(HorizonMetric):
     direction = 1.0
     higher_is_better = None
     needs_last = True
+    rewards = "Rewards moving as much as the scene does, in the right place or not, by blur too."
     skip_undefined = True
 
     def measure(self, forecast: Tensor, target: Tensor, last: Tensor) -> Tensor:

@@ -46,6 +46,7 @@ class StaticSkill(WindowMetric):
     direction = "higher"
     higher_is_better = True
     needs_last = True
+    rewards = "Rewards less squared error than keeping the last grid shown; the same order as MSE on the same windows."
 
     @property
     def width(self) -> int:

@@ -37,6 +37,7 @@ class SpreadSkill(KindsMetric):
     digits = 2
     direction = 1.0
     higher_is_better = None
+    rewards = "Rewards samples that differ as much as their mean errs, however large that is."
 
     @property
     def width(self) -> int:
@@ -46,9 +47,9 @@ class SpreadSkill(KindsMetric):
         samples = judged.samples
         if samples is None or samples.shape[1] < 2:
             return judged.target.new_full((len(judged.target), self.width), float("nan"))
-        kinds = [torch.ones_like(judged.target, dtype=torch.bool), *kinds_of(judged)]
-        pairs = [means(scores, kind) for scores in spread_and_error(samples, judged.target) for kind in kinds]
-        return torch.stack(pairs, dim=1).flatten(1)
+        kinds = torch.cat([torch.ones_like(judged.target, dtype=torch.bool)[None], kinds_of(judged)])
+        pairs = [means(scores, kinds) for scores in spread_and_error(samples, judged.target)]
+        return torch.cat(pairs).transpose(0, 1).flatten(1)
 
     def compute(self) -> dict[str, Ratio]:
         """Over all windows seen in all processes."""

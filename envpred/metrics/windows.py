@@ -1,7 +1,6 @@
 """What all metrics share: a few numbers per test window, kept so that means are right in one process and in many."""
 
 import re
-from abc import abstractmethod
 from math import isfinite
 from typing import Any, ClassVar, NamedTuple
 
@@ -16,23 +15,30 @@ LARGEST_INDEX = 2**24  # float32, the type of the state, holds whole numbers exa
 
 
 class Judged(NamedTuple):
-    """All that a metric may look at of a batch, in float32 and bool.
+    """All that a metric may look at of a batch, in float32 and bool, and uint8 for the label.
 
     Args:
         forecast: (B, N, H, W) probability of occupied.
         target: (B, N, H, W).
         last: (B, H, W) the last grid shown; NaN where it is not told.
         samples: (B, K, N, H, W) equally likely futures, of a forecaster that draws some.
-        moving: (B, N, H, W) cells around what moves, where that is told.
-        entering: (B, N, H, W) cells that the last grid shown does not cover, likewise.
+        label: (B, N, H, W) uint8 codes of what was measured in the target frames; unknown where it is not told.
+        changed: (B, N, H, W) cells measured in the last frame shown and in the target's, occupied in one of them; none
+            where it is not told, here and below.
+        static: (B, N, H, W) cells measured in both, and the same.
+        moving: (B, N, H, W) cells around what moves.
+        entering: (B, N, H, W) cells that the last grid shown does not cover.
     """
 
     forecast: Tensor
     target: Tensor
     last: Tensor
-    samples: Tensor | None = None
-    moving: Tensor | None = None
-    entering: Tensor | None = None
+    samples: Tensor | None
+    label: Tensor
+    changed: Tensor
+    static: Tensor
+    moving: Tensor
+    entering: Tensor
 
 
 class PerHorizon:
@@ -78,23 +84,26 @@ def summarise(per_window: Tensor, index: Tensor, about: About, skip_undefined: b
 
 
 class WindowMetric(Metric):
-    """Base of the metrics: `measure` gives `width` numbers a window, which are all that is kept.
+    """Base of the metrics: `measure` or `judge` gives `width` numbers a window, which are all that is kept.
 
     `update(forecast (B, N, H, W), target (B, N, H, W), last (B, H, W) | None, index (B,) | None)` takes probabilities
-    of occupied; `last` is the last grid shown, and what else is told is in `Judged`, for metrics that override `judge`.
+    of occupied; `last` is the last grid shown, and what else is told is in `Judged`, for metrics that override `judge`
+    instead of `measure`.
     `index` is the window's place in the test set: a distributed sampler pads with windows it has already given, and
     `rows` drops them by it.  Memory: 4 * (width + 1) bytes a window.
 
     What stands on the class: `name`, the key in a result (by default that of the class: `FalseAlarms` ->
     `false_alarms`), `title` (by default the class's name), `unit`, `digits`, `factor` and `direction` as in `About`;
-    torchmetrics' `higher_is_better`, which must agree with `direction` (None for a number); `needs_last`; `needs_cells`
-    if it wants the kinds of cells.
+    torchmetrics' `higher_is_better`, which must agree with `direction` (None for a number); `rewards`, one sentence on
+    what a forecast has to do to look good by it; `needs_last`; `needs_label` if it judges by what was measured;
+    `needs_cells` if it wants the kinds of cells.
     """
 
     full_state_update = False
     is_differentiable = False
     higher_is_better: bool | None = False
     needs_last = False
+    needs_label = False
     needs_cells = False
     name: ClassVar[str]
     title: ClassVar[str]
@@ -102,6 +111,7 @@ class WindowMetric(Metric):
     digits: ClassVar[int] = 3
     factor: ClassVar[float] = 1.0
     direction: ClassVar[Direction] = "lower"
+    rewards: ClassVar[str] = ""
 
     rows_state: list[Tensor] | Tensor
 
@@ -137,11 +147,11 @@ class WindowMetric(Metric):
     @property
     def about(self) -> About:
         """How its values are written."""
-        return About(self.title, self.unit, self.digits, self.factor, self.direction)
+        return About(self.title, self.unit, self.digits, self.factor, self.direction, self.rewards)
 
-    @abstractmethod
     def measure(self, forecast: Tensor, target: Tensor, last: Tensor) -> Tensor:
         """(B, width) of `forecast` and `target` (B, N, H, W) and `last` (B, H, W), all float32."""
+        raise NotImplementedError(f"{type(self).__name__} has neither a `measure` nor a `judge` of its own")
 
     def judge(self, judged: Judged) -> Tensor:
         """(B, width) of all that is told of a batch; by default what `measure` says."""
@@ -154,6 +164,9 @@ class WindowMetric(Metric):
         last: Tensor | None = None,
         index: Tensor | None = None,
         samples: Tensor | None = None,
+        label: Tensor | None = None,
+        changed: Tensor | None = None,
+        static: Tensor | None = None,
         moving: Tensor | None = None,
         entering: Tensor | None = None,
     ) -> None:
@@ -176,12 +189,14 @@ class WindowMetric(Metric):
             raise ValueError(f"index {tuple(index.shape)} must be ({windows},) and below {LARGEST_INDEX}")
         if samples is not None and (samples.ndim != 5 or (samples[:, 0].shape != forecast.shape)):
             raise ValueError(f"samples {tuple(samples.shape)} must be (B, K, N, H, W) of forecasts {forecast.shape}")
-        for name, cells in (("moving", moving), ("entering", entering)):
-            if cells is not None and (cells.shape != forecast.shape or cells.dtype != torch.bool):
-                raise ValueError(f"{name} {tuple(cells.shape)} must be bool {tuple(forecast.shape)}")
+        if label is None and self.needs_label:
+            raise ValueError(f"{type(self).__name__} needs `label`, what was measured in the target frames")
+        told = {"changed": changed, "static": static, "moving": moving, "entering": entering}
+        cells = {name: _told(name, grid, forecast, torch.bool) for name, grid in told.items()}
+        label = _told("label", label, forecast, torch.uint8)
         forecast, target, last = (grid.detach().float() for grid in (forecast, target, last))
         drawn = None if samples is None else samples.detach().float()
-        measured = self.judge(Judged(forecast, target, last, drawn, moving, entering))
+        measured = self.judge(Judged(forecast, target, last, drawn, label, **cells))
         rows = torch.cat([index.to(measured.device, torch.float32)[:, None], measured.float()], dim=1)
         assert isinstance(self.rows_state, list)
         self.rows_state.append(rows.flatten())
@@ -197,6 +212,16 @@ class WindowMetric(Metric):
         fresh = torch.ones_like(index, dtype=torch.bool)
         fresh[1:] = (index[1:] != index[:-1]) | (index[1:] == ANONYMOUS)
         return index[fresh], values[fresh]
+
+
+def _told(name: str, grid: Tensor | None, forecast: Tensor, kind: torch.dtype) -> Tensor:
+    """The `grid` of that name, as large as the forecast and of its `kind`; zeros where it is not told."""
+    if grid is None:
+        return torch.zeros_like(forecast, dtype=kind)
+    if grid.shape != forecast.shape or grid.dtype != kind:
+        wanted = f"{str(kind).removeprefix('torch.')} {tuple(forecast.shape)}"
+        raise ValueError(f"{name} {tuple(grid.shape)} of {grid.dtype} must be {wanted}")
+    return grid
 
 
 class HorizonMetric(WindowMetric):

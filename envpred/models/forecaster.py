@@ -171,7 +171,8 @@ class Forecaster(NumberedLoss):
         check_forecast(type(self).__name__, batch, forecast.probability)
         wanted = any(isinstance(metric, WindowMetric) and metric.needs_cells for metric in self.scores.values())
         kinds = kinds_of(batch) if wanted else {}
-        self.scores.update(forecast.probability, target, last, batch["index"], samples=forecast.samples, **kinds)
+        drawn, label = forecast.samples, future["label"]
+        self.scores.update(forecast.probability, target, last, batch["index"], samples=drawn, label=label, **kinds)
         self.static.update(last[:, None].expand_as(target), target, last, batch["index"])
 
     def scored(self) -> dict[str, Any]:

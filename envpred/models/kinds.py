@@ -8,30 +8,42 @@ from torch import Tensor
 
 from envpred.datamodules import WindowBatch
 from envpred.mapping.arrivals import moving_cells
-from envpred.mapping.shift import shifted
+from envpred.mapping.shift import shifted_tensor
+from envpred.metrics.outcome import measured
+
+BEYOND = 255  # no code of a label grid: a cell that the last frame shown does not cover
 
 
 class Kinds(TypedDict, total=False):
     """Cells (B, N, H, W) bool, as metrics are told them (see `envpred.metrics.windows.Judged`)."""
 
+    changed: Tensor
+    static: Tensor
     moving: Tensor
     entering: Tensor
 
 
 def kinds_of(batch: WindowBatch) -> Kinds:
-    """Cells around what has moved within half a second, and those that the last grid shown does not cover."""
+    """Cells that have changed or not since the last frame shown, those around what moves, and those that it lacks.
+
+    Cells are compared at the same place in the world: the ego's motion alone changes nothing.
+    """
     seen, future = batch["seen"], batch["future"]
     assert future is not None  # only prediction goes without
     occupancy = torch.cat([seen["occupancy"], future["occupancy"]], 1).cpu().numpy()
     centre = torch.cat([seen["centre_cell"], future["centre_cell"]], 1).cpu().numpy()
-    given, device = seen["occupancy"].shape[1], future["occupancy"].device
-    moving, entering = [], []
+    given = seen["occupancy"].shape[1]
+    moving, before = [], []
     for b in range(len(occupancy)):
         resolution, period = float(seen["resolution"][b]), float(seen["period"][b])
         moving.append(moving_cells(occupancy[b], centre[b], given, resolution, period))
-        known = np.zeros(occupancy.shape[2:], np.bool_)
-        entering.append(np.stack([shifted(known, at - centre[b, given - 1], fill=True) for at in centre[b, given:]]))
+        shifts = centre[b, given:] - centre[b, given - 1]
+        before.append(torch.stack([shifted_tensor(seen["label"][b, -1], shift, BEYOND) for shift in shifts]))
+    was, now = torch.stack(before), future["label"]
+    both, same = measured(was) & measured(now), was == now
     return {
-        "moving": torch.from_numpy(np.stack(moving)).to(device),
-        "entering": torch.from_numpy(np.stack(entering)).to(device),
+        "changed": both & ~same,
+        "static": both & same,
+        "moving": torch.from_numpy(np.stack(moving)).to(now.device),
+        "entering": was == BEYOND,
     }

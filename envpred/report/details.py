@@ -26,6 +26,7 @@ from envpred.report.tables import (
     measured_on,
     oracle_note,
     oracles,
+    rewards_note,
     shown_columns,
 )
 
@@ -58,9 +59,10 @@ def metric_tables(runs: Sequence[Run]) -> list[Table]:
                 rows += [[Cell(marked(run.label, read_future) + of), *_cells(run, run.metrics[part])] for run in found]
                 having += found
         if rows:
-            caption = f"Value {errors_note(runs[0])} Undefined windows do not count.{oracle_note(oracles(having))}"
-            title = heading(having[0].metrics[key].about)
-            tables.append(Table(key, title, caption, ["method", *heads(runs[0])], rows))
+            about = having[0].metrics[key].about
+            caption = f"Value {errors_note(runs[0])} Undefined windows do not count.{rewards_note(about)}"
+            caption += oracle_note(oracles(having))
+            tables.append(Table(key, heading(about), caption, ["method", *heads(runs[0])], rows))
     return tables
 
 

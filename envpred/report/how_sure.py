@@ -62,9 +62,11 @@ def cells_table(runs: Sequence[Run]) -> Table | None:
             rows.append([Cell(kind), Cell(marked(run.label, oracles(runs))), *cells])
     caption = (
         f"At {heads(runs[0])[-1]}, {measured_on(runs[0])}; MSE and CRPS × 10⁻³, lower is better but for spread / "
-        "skill, best at 1. Dynamic cells differ from the last grid shown, moving ones lie within a metre of what has "
-        "moved within half a second, entering ones are not covered by the last grid shown. The first two are chosen "
-        "by what happened, where a calibrated forecast looks too sure: their numbers compare methods, and judge none. "
+        "skill, best at 1. Changed and static cells were measured both in the last frame shown and then, at the same "
+        "place in the world: occupied in one of the two alone, or the same in both. Moving ones lie within a metre of "
+        "what has moved within half a second, entering ones are not covered by the last grid shown. All but these are "
+        "chosen by what happened, where a calibrated forecast looks too sure: their numbers compare methods, and judge "
+        "none. Brier score and calibration error are over the cells measured in the target's frame. "
         f"CRPS of a forecast without samples is its absolute error.{oracle_note(oracles(runs))}"
     )
     return Table("how_sure_cells", "How sure, by kind of cells", caption, ["cells", "method", *SCORES.values()], rows)

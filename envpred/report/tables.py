@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from envpred.horizons import SHOWN_S, in_seconds
+from envpred.metrics.about import About
 from envpred.report.contrasts import AGAINST_STATIC, planned
 from envpred.report.published import SOURCE, STATIC, table_1
 from envpred.report.run import Measured, Run
@@ -73,6 +74,11 @@ def errors_note(run: Run) -> str:
     return f"± standard error over drives (in brackets over windows, as if they were independent); {measured_on(run)}."
 
 
+def rewards_note(about: About) -> str:
+    """What a caption says of what a metric rewards, if it does."""
+    return f" {about.rewards}" if about.rewards else ""
+
+
 def measured_cell(measured: Measured, h: int) -> Cell:
     """The metric's cell at column `h`, written as it says."""
     about = measured.about
@@ -124,6 +130,7 @@ def error_table(
             cells.append(replace(measured_cell(measured, h), bold=bold, mark=" *" * ((label, h) in better)))
         rows.append(cells)
     caption = f"MSE of the probability of occupied {UNIT} {errors_note(run)} Lower is better, best bold."
+    caption += rewards_note(run.mse.about)
     if any(c.contrast.question == AGAINST_STATIC for c in compared):
         caption += " * Better than the static baseline: see the planned comparisons." * bool(better)
         caption += few_drives_note(run)

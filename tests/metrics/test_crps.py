@@ -47,7 +47,8 @@ def test_order_and_shift_do_not_matter(values: list[float], y: float) -> None:
 
 def test_without_samples_it_is_the_absolute_error() -> None:
     metric = CRPS(1)
-    metric.update(torch.tensor([[[[0.2, 0.9]]]]), torch.tensor([[[[0.5, 0.8]]]]), torch.tensor([[[0.6, 0.9]]]))
+    changed = torch.tensor([[[[True, False]]]])
+    metric.update(torch.tensor([[[[0.2, 0.9]]]]), torch.tensor([[[[0.5, 0.8]]]]), changed=changed)
     result = metric.compute()
     assert result["crps"].mean.item() == pytest.approx(0.2)
-    assert result["crps_dynamic_cells"].mean.item() == pytest.approx(0.3)  # 0.6 -> 0.5 is the one that has changed
+    assert result["crps_changed_cells"].mean.item() == pytest.approx(0.3)

@@ -45,9 +45,9 @@ def test_chosen_by_what_happened_it_is_below_one() -> None:
     """The forecaster's dilemma: the ensemble is calibrated, the cells that have changed are not a fair sample."""
     generator = torch.Generator().manual_seed(1)
     drawn = 0.3 + 0.2 * torch.randn(1, 17, 1, 60, 60, generator=generator)
-    found = ratio(drawn[:, 1:], drawn[:, 0])
+    found = ratio(drawn[:, 1:], drawn[:, 0], changed=drawn[:, 0] > 0.5)
     assert found["spread_skill"] == pytest.approx(1, abs=0.1)
-    assert found["spread_skill_dynamic_cells"] < 0.7
+    assert found["spread_skill_changed_cells"] < 0.7
 
 
 def test_windows_count_together_and_those_without_such_cells_not_at_all() -> None:

@@ -2,6 +2,7 @@
 
 import math
 from pathlib import Path
+from typing import Any
 
 import pytest
 import torch
@@ -117,6 +118,8 @@ def test_wrong_shapes_are_refused() -> None:
         HorizonMSE(3).update(forecast, target, samples=forecast)
     with pytest.raises(ValueError, match="moving"):
         HorizonMSE(3).update(forecast, target, moving=target)
+    with pytest.raises(ValueError, match=r"label \(2, 1, 4, 5\) of torch.uint8 must be uint8 \(2, 3, 4, 5\)"):
+        HorizonMSE(3).update(forecast, target, label=target[:, :1].byte())
     with pytest.raises(ValueError, match="at least one horizon"):
         HorizonMSE(0)
 
@@ -127,13 +130,15 @@ def test_one_window_and_one_horizon_keep_their_axes() -> None:
     result = metric.compute()
     assert (result.mean.shape, result.per_window.shape, result.index.shape) == ((1,), (1, 1), (1,))
     values = {"mean": [1.0], "standard_error": [None], "per_window": [[1.0]]}
-    about = {"title": "MSE", "unit": "× 10⁻³", "digits": 1, "factor": 1e3, "direction": "lower"}
+    about: dict[str, Any] = {"title": "MSE", "unit": "× 10⁻³", "digits": 1, "factor": 1e3, "direction": "lower"}
+    about["rewards"] = HorizonMSE.rewards
     assert result.as_json() == values | about
 
 
 def test_how_a_result_is_written_stands_on_the_class() -> None:
     class FalseAlarms(HorizonMetric):
         unit, digits, factor, direction, higher_is_better = "%", 0, 100.0, "higher", True
+        rewards = "Rewards crying wolf."
 
         def measure(self, forecast: Tensor, target: Tensor, last: Tensor) -> Tensor:
             return forecast.mean((-2, -1))
@@ -144,8 +149,11 @@ def test_how_a_result_is_written_stands_on_the_class() -> None:
     assert (FalseAlarms.name, Loud.name) == ("false_alarms", "loud")
     metric = FalseAlarms(1)
     metric.update(torch.ones(1, 1, 2, 2), torch.zeros(1, 1, 2, 2))
-    assert metric.compute().about == About("False Alarms", "%", 0, 100.0, "higher")
-    assert Loud(1).about == About("Loud alarms", "%", 0, 100.0, "higher")
+    assert metric.compute().about == About("False Alarms", "%", 0, 100.0, "higher", "Rewards crying wolf.")
+    assert Loud(1).about == About("Loud alarms", "%", 0, 100.0, "higher", "Rewards crying wolf.")
+    assert About.of(metric.compute().as_json()) == metric.about
+    silent = {name: value for name, value in metric.about._asdict().items() if name != "rewards"}
+    assert About.of(silent) == metric.about._replace(rewards="")
     assert summarise(torch.ones(1, 1), torch.arange(1), ABOUT).as_json()["unit"] == "m"
 
 
@@ -154,3 +162,11 @@ def test_a_direction_that_contradicts_torchmetrics_is_refused() -> None:
         type("Wrong", (HorizonMetric,), {"direction": "higher"})
     with pytest.raises(TypeError, match=r"direction 1\.0 and higher_is_better True"):
         type("Wrong", (HorizonMetric,), {"direction": 1.0, "higher_is_better": True})
+
+
+def test_a_metric_that_measures_nothing_says_so() -> None:
+    class Nothing(HorizonMetric):
+        pass
+
+    with pytest.raises(NotImplementedError, match="Nothing has neither a `measure` nor a `judge`"):
+        Nothing(3).update(*windows(1))

@@ -10,6 +10,7 @@ from torch import nn
 from envpred.datamodules import Forecast, Seen, WindowBatch
 from envpred.errors import UserError
 from envpred.mapping.evidence import pignistic
+from envpred.mapping.geometry import FREE, OCCUPIED
 from envpred.models import LastFrame
 from envpred.models.forecaster import Forecaster
 from envpred.results.result import RESULT, short_name
@@ -45,6 +46,20 @@ def test_static_baseline_and_its_result(store: Path, tmp_path: Path, batch_size:
     assert result["horizon_s"] == [0.1, 0.2, 0.3, 0.4, 0.5]
     assert result["variant"] == variant
     assert result["revision"]
+
+
+def test_outcomes_are_what_was_measured_in_the_targets_frames(store: Path, tmp_path: Path) -> None:
+    """Of all cells that are judged a share of 1 was measured, and by those the scores are."""
+    trainer(tmp_path).test(LastFrame(given=3), datamodule=grids(store, test=["c"]), verbose=False)
+    metrics = json.loads((tmp_path / RESULT).read_text())["metrics"]
+    drive = Store(store).drives["c"]
+    label = np.asarray(drive.array("label"))[:24].reshape(3, 8, 16, 16)
+    said = pignistic(np.asarray(drive.array("evidence")))[:24].reshape(3, 8, 16, 16)[:, 2:3]
+    was = np.isin(label, (OCCUPIED, FREE))[:, 3:]
+    assert not was.all()
+    assert np.sum(metrics["reliability"]["count"], axis=1).tolist() == was.sum(axis=(0, 2, 3)).tolist()
+    squares = np.where(was, (said - (label[:, 3:] == OCCUPIED)) ** 2, 0).sum(axis=(2, 3)) / was.sum(axis=(2, 3))
+    np.testing.assert_allclose(metrics["brier"]["per_window"], squares, rtol=1e-5)
 
 
 def test_skill_of_a_forecaster_is_against_the_static_baseline_of_its_windows(store: Path, tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ import numpy as np
 import torch
 
 from envpred.datamodules import WindowBatch
+from envpred.mapping.geometry import EGO, FREE, OCCUPIED, UNKNOWN
 from envpred.models.kinds import kinds_of
 from tests.models.trainers import seen
 from tests.results.scenes import window
@@ -14,13 +15,15 @@ def batch(cells: torch.Tensor) -> WindowBatch:
     occupancy, centre_cell = window()
     grids = torch.from_numpy(np.stack([occupancy, occupancy])).float()
     centre = torch.stack([torch.from_numpy(centre_cell), cells[: len(centre_cell)]])
+    label = torch.full_like(grids, FREE, dtype=torch.uint8)
     shown = seen(
+        label=label[:, :5],
         occupancy=grids[:, :5],
         centre_cell=centre[:, :5],
         resolution=torch.full((2,), 1 / 3),
         period=torch.full((2,), 0.1),
     )
-    future = {"occupancy": grids[:, 5:], "centre_cell": centre[:, 5:]}
+    future = {"occupancy": grids[:, 5:], "centre_cell": centre[:, 5:], "label": label[:, 5:]}
     return {"seen": shown, "future": future, "drive": ["a", "b"], "start": torch.zeros(2), "index": torch.arange(2)}  # type: ignore[typeddict-item]
 
 
@@ -35,3 +38,24 @@ def test_what_enters_by_hand() -> None:
     assert not entering[1:].any()
     assert found["moving"].shape == found["entering"].shape
     assert found["moving"][0].any()
+
+
+def test_what_has_changed_by_hand() -> None:
+    """At the same place in the world, as the ego moves on by two cells east and one south; both frames measured."""
+    cells = torch.tensor([[70, 80]] * 5 + [[72, 79]] * 50)
+    moved = batch(cells)
+    assert moved["future"] is not None
+    last, now = moved["seen"]["label"][1, -1], moved["future"]["label"][1]
+    codes = [(before, after) for before in (UNKNOWN, OCCUPIED, FREE, EGO) for after in (UNKNOWN, OCCUPIED, FREE, EGO)]
+    for place, (before, after) in enumerate(codes):
+        last[40, 40 + place] = before
+        now[:, 38, 41 + place] = after
+    found = kinds_of(moved)
+    judged = {"changed": {(OCCUPIED, FREE), (FREE, OCCUPIED)}, "static": {(OCCUPIED, OCCUPIED), (FREE, FREE)}}
+    for kind, pairs in judged.items():
+        row = found[kind][1, :, 38, 41 : 41 + len(codes)]  # type: ignore[literal-required]
+        assert row.tolist() == [[pair in pairs for pair in codes]] * len(row), kind
+    elsewhere = found["static"][1].clone()
+    elsewhere[:, 38, 41 : 41 + len(codes)] = True
+    assert (elsewhere == ~found["entering"][1]).all()
+    assert not (found["changed"] & found["static"]).any()

@@ -9,6 +9,7 @@ import pytest
 from torch import Tensor
 
 from envpred.metrics.about import About
+from envpred.metrics.overlap import IoU
 from envpred.metrics.windows import HorizonMetric
 from envpred.models import FCNForecaster, MovedLastFrameOracle
 from envpred.report import report
@@ -24,6 +25,7 @@ class Bias(HorizonMetric):
     """A metric of a user's own."""
 
     title, unit, digits, factor, direction, higher_is_better = "Bias", "%", 2, 100.0, 0.0, None
+    rewards = "Rewards errors that cancel."
 
     def measure(self, forecast: Tensor, target: Tensor, last: Tensor) -> Tensor:
         return (forecast - target).mean((-2, -1))
@@ -41,8 +43,16 @@ def test_a_metric_that_the_report_has_never_heard_of_is_shown(make_run: MakeRun,
         "| prednet (dst_static) | 1.00 ± 0.00 (0.00) | 1.57 ± 0.00 (0.00) | 2.29 ± 0.00 (0.00) | 3.00 ± 0.00 (0.00) |",
         "",
         "Value ± standard error over drives (in brackets over windows, as if they were independent); 30 windows of 10 "
-        "drives. Undefined windows do not count.",
+        "drives. Undefined windows do not count. Rewards errors that cancel.",
     ]
+
+
+def test_a_metric_need_not_say_what_it_rewards(make_run: MakeRun) -> None:
+    def silent(record: dict[str, Any]) -> None:
+        del record["metrics"]["iou"]["rewards"]
+
+    iou = next(table for table in metric_tables(read_runs([make_run(change=silent)])) if table.name == "iou")
+    assert iou.caption.endswith("Undefined windows do not count.")
 
 
 @pytest.mark.parametrize(
@@ -61,6 +71,7 @@ def test_headings(about: About, text: str) -> None:
 def test_other_tables_pairs_and_models(all_runs: list[Path]) -> None:
     runs = read_runs(all_runs)
     skill, iou = metric_tables(runs)
+    assert iou.caption.endswith(f"do not count. {IoU.rewards}")
     assert (skill.title, iou.title) == ("Skill against the static baseline ↑", "IoU at 0.5 ↑")
     assert (skill.name, iou.name) == ("skill", "iou")
     assert iou.rows[0][2].value == pytest.approx(runs[0].metrics["iou"].mean[4])

@@ -10,6 +10,7 @@ import torch
 
 from envpred.metrics.best_of_k import BestOfK
 from envpred.metrics.brier import Brier
+from envpred.metrics.cells import KINDS
 from envpred.metrics.ratios import Ratio
 from envpred.metrics.spread_skill import SpreadSkill
 from envpred.models import FCNForecaster
@@ -69,7 +70,8 @@ def test_kinds_of_cells(folders: list[Path]) -> None:
     table = cells_table(runs)
     assert table is not None
     by_cells = {(row[0].text, row[1].text): [cell.plain() for cell in row[2:]] for row in table.rows}
-    assert len(by_cells) == 12
+    assert {cells for cells, _ in by_cells} == {"all", *KINDS}
+    assert len(by_cells) == 3 * (1 + len(KINDS))
     mean = 1e3 * runs[0].mse.mean[14]
     assert by_cells["all", "prednet (dst_static)"][:3] == [f"{mean:.1f}", f"{mean / 2:.1f}", "0.90"]
     assert by_cells["moving", "prednet (dst_static)"] == ["–", "–", "0.45", "–", f"{3e-3 * mean:.3f}", "–"]
