@@ -10,12 +10,16 @@ from envpred.metrics.brier import Brier
 from envpred.metrics.calibration import Calibration
 from envpred.metrics.changed_cells import ChangedMSE, EnteringMSE, MovingMSE, StaticMSE
 from envpred.metrics.crps import CRPS
+from envpred.metrics.fractions_skill import FractionsSkill
 from envpred.metrics.horizon_mse import HorizonMSE
 from envpred.metrics.image_similarity import Empty, ImageSimilarity
+from envpred.metrics.log_score import LogScore
 from envpred.metrics.motion_ratio import MotionRatio
 from envpred.metrics.overlap import IoU, Precision, Recall
+from envpred.metrics.pr_auc import PrAuc
 from envpred.metrics.roc_auc import RocAuc
 from envpred.metrics.skill import StaticSkill
+from envpred.metrics.soft_iou import SoftIoU
 from envpred.metrics.spread_skill import SpreadSkill
 from envpred.metrics.windows import WindowMetric
 
@@ -30,8 +34,8 @@ def forecast_metrics(
     By keyword also with `label`, which many need, `samples` and the kinds of cells, see `Judged`.
 
     `compute()` gives a dict: `mse`, `mse_changed_cells`, `mse_static_cells`, `mse_moving_cells`, `mse_entering_cells`,
-    `iou`, `precision`, `recall`, `roc_auc`, `motion_ratio`, `image_similarity`
-    and its three classes are `PerHorizon`, as are `brier`, `ece`, `crps`, `mse_best_of_k` and these over
+    `iou`, `precision`, `recall`, `soft_iou`, `fractions_skill`, `roc_auc`, `pr_auc`, `motion_ratio`, `image_similarity`
+    and its three classes are `PerHorizon`, as are `brier`, `log_score`, `ece`, `crps`, `mse_best_of_k` and these over
     each kind of cells (`brier_moving_cells`); `skill` (against the static baseline), `spread_skill` and its kinds are a
     `Ratio`, `reliability` has a type of its own; all have `as_json()`.
 
@@ -57,8 +61,12 @@ def forecast_metrics(
         IoU(horizons),
         Precision(horizons),
         Recall(horizons),
+        SoftIoU(horizons),
+        FractionsSkill(horizons),
         RocAuc(horizons),
+        PrAuc(horizons),
         Brier(horizons),
+        LogScore(horizons),
         Calibration(horizons),
         MotionRatio(horizons),
         CRPS(horizons),

@@ -31,8 +31,12 @@ TITLES = {
     "iou": ("IoU at 0.5", "higher"),
     "precision": ("Precision at 0.5", "higher"),
     "recall": ("Recall at 0.5", "higher"),
+    "soft_iou": ("Soft IoU", "higher"),
+    "fractions_skill": ("Fractions skill, 5 × 5 cells", "higher"),
     "roc_auc": ("ROC area", "higher"),
+    "pr_auc": ("Precision-recall area", "higher"),
     "brier": ("Brier score", "lower"),
+    "log_score": ("Log score, smoothed by 0.01", "lower"),
     "motion_ratio": ("Motion ratio", 1.0),
     "image_similarity": ("Image similarity", "lower"),
     "image_similarity_occupied": ("Image similarity, occupied", "lower"),
@@ -43,7 +47,7 @@ TITLES = {
     "spread_skill": ("Spread over skill", 1.0),
     "mse_best_of_k": ("MSE, best of 16", "lower"),
 }
-for whole in ("brier", "ece", "crps", "spread_skill", "mse_best_of_k"):
+for whole in ("brier", "log_score", "ece", "crps", "spread_skill", "mse_best_of_k"):
     title, direction = TITLES[whole]
     TITLES |= {f"{whole}_{kind}_cells": (f"{title}, {kind} cells", direction) for kind in KINDS}
 NAMES = {*TITLES, "reliability"}

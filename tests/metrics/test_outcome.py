@@ -52,11 +52,11 @@ def test_nothing_but_measured_cells_is_judged() -> None:
     label = torch.randint(0, 4, forecast.shape, generator=generator, dtype=torch.uint8)
     was = (label == OCCUPIED) | (label == FREE)
     found = by_label(label, forecast)
-    expected = {"brier", "ece", "roc_auc", "iou", "precision", "recall"}
-    assert found.keys() >= expected
+    expected = {"brier", "log_score", "ece", "roc_auc", "pr_auc", "iou", "precision", "recall", "soft_iou"}
+    assert found.keys() >= expected | {"fractions_skill"}
     assert by_label(label, forecast.where(was, other)) == found
     elsewhere = by_label(label, forecast.where(~was, other))
-    assert all(elsewhere[name] != found[name] for name in expected)
+    assert all(elsewhere[name] != found[name] for name in expected | {"fractions_skill"})
     assert by_label(labelled(drawn).where(was, label), forecast) != found
 
 
