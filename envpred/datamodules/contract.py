@@ -54,6 +54,7 @@ class Future(TypedDict):
 
     frames: Tensor  # (B, N, C, H, W)
     occupancy: Tensor  # (B, N, H, W) the probability of occupied that is judged
+    occupied_mass: Tensor  # (B, N, H, W) the mass of occupied in it, without its half of what is unknown
     label: Tensor  # (B, N, H, W) uint8
     centre_cell: Tensor  # (B, N, 2)
     pose: Tensor  # (B, N, 3)

@@ -20,7 +20,7 @@ from envpred.mapping.geometry import FloatArray, heading_of
 from envpred.store import StoredDrive
 
 CONTEXT = "context_"  # what the names of arrays on the wide grid begin with
-FUTURE = ("frames", "occupancy", "label", "centre_cell", "pose")
+FUTURE = ("frames", "occupancy", "occupied_mass", "label", "centre_cell", "pose")
 
 
 class Window(TypedDict):
@@ -113,6 +113,7 @@ class WindowDataset(Dataset[Window]):
         return {
             "frames": transform.frames(self.variant.make_frames(arrays), self.variant.vectors),
             "occupancy": transform.stored(pignistic(arrays["evidence"])),
+            "occupied_mass": transform.stored(arrays["evidence"][:, 0]),
             "label": transform.stored(self._read(place, "label", frames)),
             "centre_cell": transform.centre_cell(self._read(place, "centre_cell", frames)),
             "pose": transform.pose(np.concatenate([cells, heading_of(poses)[:, None]], axis=1)),

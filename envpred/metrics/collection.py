@@ -11,7 +11,7 @@ from envpred.metrics.calibration import Calibration
 from envpred.metrics.changed_cells import ChangedMSE, EnteringMSE, MovingMSE, StaticMSE
 from envpred.metrics.crps import CRPS
 from envpred.metrics.fractions_skill import FractionsSkill
-from envpred.metrics.horizon_mse import HorizonMSE
+from envpred.metrics.horizon_mse import HorizonMSE, MassMSE
 from envpred.metrics.image_similarity import Empty, ImageSimilarity
 from envpred.metrics.log_score import LogScore
 from envpred.metrics.motion_ratio import MotionRatio
@@ -33,11 +33,11 @@ def forecast_metrics(
 
     By keyword also with `label`, which many need, `samples` and the kinds of cells, see `Judged`.
 
-    `compute()` gives a dict: `mse`, `mse_changed_cells`, `mse_static_cells`, `mse_moving_cells`, `mse_entering_cells`,
-    `iou`, `precision`, `recall`, `soft_iou`, `fractions_skill`, `roc_auc`, `pr_auc`, `motion_ratio`, `image_similarity`
-    and its three classes are `PerHorizon`, as are `brier`, `log_score`, `ece`, `crps`, `mse_best_of_k` and these over
-    each kind of cells (`brier_moving_cells`); `skill` (against the static baseline), `spread_skill` and its kinds are a
-    `Ratio`, `reliability` has a type of its own; all have `as_json()`.
+    `compute()` gives a dict: `mse`, `mse_occupied_mass`, `mse_changed_cells`, `mse_static_cells`, `mse_moving_cells`,
+    `mse_entering_cells`, `iou`, `precision`, `recall`, `soft_iou`, `fractions_skill`, `roc_auc`, `pr_auc`,
+    `motion_ratio`, `image_similarity` and its three classes are `PerHorizon`, as are `brier`, `log_score`, `ece`,
+    `crps`, `mse_best_of_k` and these over each kind of cells (`brier_moving_cells`); `skill` (against the static
+    baseline), `spread_skill` and its kinds are a `Ratio`, `reliability` has a type of its own; all have `as_json()`.
 
     Squared error, CRPS, spread and skill, motion ratio and image similarity compare with the `target`, the evidence
     remembered in the map, as the paper does; the others judge by what was measured in the target's frame alone.
@@ -52,6 +52,7 @@ def forecast_metrics(
     """
     standard: list[WindowMetric] = [
         HorizonMSE(horizons),
+        MassMSE(horizons),
         ChangedMSE(horizons),
         StaticMSE(horizons),
         MovingMSE(horizons),

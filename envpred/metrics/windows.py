@@ -28,6 +28,7 @@ class Judged(NamedTuple):
         static: (B, N, H, W) cells measured in both, and the same.
         moving: (B, N, H, W) cells around what moves.
         entering: (B, N, H, W) cells that the last grid shown does not cover.
+        mass: (B, N, H, W) the target's mass of occupied; NaN where it is not told.
     """
 
     forecast: Tensor
@@ -39,6 +40,7 @@ class Judged(NamedTuple):
     static: Tensor
     moving: Tensor
     entering: Tensor
+    mass: Tensor
 
 
 class PerHorizon:
@@ -169,6 +171,7 @@ class WindowMetric(Metric):
         static: Tensor | None = None,
         moving: Tensor | None = None,
         entering: Tensor | None = None,
+        mass: Tensor | None = None,
     ) -> None:
         """Measure a batch of windows; see the class."""
         if forecast.shape != target.shape or forecast.ndim != 4 or forecast.shape[1] != self.horizons:
@@ -196,7 +199,11 @@ class WindowMetric(Metric):
         label = _told("label", label, forecast, torch.uint8)
         forecast, target, last = (grid.detach().float() for grid in (forecast, target, last))
         drawn = None if samples is None else samples.detach().float()
-        measured = self.judge(Judged(forecast, target, last, drawn, label, **cells))
+        if mass is None:
+            mass = torch.full_like(target, float("nan"))
+        elif mass.shape != target.shape:
+            raise ValueError(f"mass {tuple(mass.shape)} must be {tuple(target.shape)}")
+        measured = self.judge(Judged(forecast, target, last, drawn, label, **cells, mass=mass.detach().float()))
         rows = torch.cat([index.to(measured.device, torch.float32)[:, None], measured.float()], dim=1)
         assert isinstance(self.rows_state, list)
         self.rows_state.append(rows.flatten())

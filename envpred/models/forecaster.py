@@ -171,8 +171,8 @@ class Forecaster(NumberedLoss):
         check_forecast(type(self).__name__, batch, forecast.probability)
         wanted = any(isinstance(metric, WindowMetric) and metric.needs_cells for metric in self.scores.values())
         kinds = kinds_of(batch) if wanted else {}
-        drawn, label = forecast.samples, future["label"]
-        self.scores.update(forecast.probability, target, last, batch["index"], samples=drawn, label=label, **kinds)
+        told = {"samples": forecast.samples, "label": future["label"], "mass": future["occupied_mass"], **kinds}
+        self.scores.update(forecast.probability, target, last, batch["index"], **told)
         self.static.update(last[:, None].expand_as(target), target, last, batch["index"])
 
     def scored(self) -> dict[str, Any]:

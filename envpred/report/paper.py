@@ -7,11 +7,12 @@ from pathlib import Path
 import numpy as np
 
 from envpred.horizons import in_seconds
+from envpred.metrics.horizon_mse import MassMSE
 from envpred.pictures.forecasts import Camera, scene_strip
 from envpred.pictures.grids import save
 from envpred.report.contrasts import AGAINST_STATIC, EVIDENCE, VELOCITIES, planned
 from envpred.report.curves import error_curves
-from envpred.report.details import comparisons_table, models_table
+from envpred.report.details import comparisons_table, metric_tables, models_table
 from envpred.report.page import Picture, document, measured_data, section
 from envpred.report.pictures import compared_scenes
 from envpred.report.ratios import ratio_table
@@ -118,6 +119,7 @@ def paper_page(
         "published": published_table(),
         "conclusions": conclusions_table(runs, compared),
         "methods": methods_table(runs, compared),
+        "mass": next((table for table in metric_tables(runs) if table.name == MassMSE.name), None),
         "ratios": ratio_table(runs),
         "seeds": seeds_table(read),
         "comparisons": comparisons_table(runs, compared),
@@ -141,7 +143,7 @@ def paper_page(
         if name in figures:
             file, caption = figures[name]
             parts += [f"<h2>{heading}</h2>", Picture.read(file, caption).html()]
-    parts += ["<h2>All methods</h2>", *(_table(tables[name]) for name in ("methods", "ratios", "seeds"))]
+    parts += ["<h2>All methods</h2>", *(_table(tables[name]) for name in ("methods", "mass", "ratios", "seeds"))]
     parts += ["<h2>Details</h2>", *(_table(tables[name]) for name in ("comparisons", "models"))]
     (out / PAGE).write_text(document("Dynamic environment prediction: the paper's results, measured again", parts))
     return out / PAGE

@@ -57,6 +57,10 @@ def test_a_batch_is_what_the_store_holds(store: Path) -> None:
         cut = slice(start, start + LENGTH)
         np.testing.assert_array_equal(whole(batch, "frames")[b], mass[cut])
         np.testing.assert_array_equal(whole(batch, "occupancy")[b], pignistic(mass[cut]))
+        assert batch["future"] is not None
+        np.testing.assert_array_equal(
+            batch["future"]["occupied_mass"][b], mass[cut][-batch["future"]["label"].shape[1] :, 0]
+        )
         np.testing.assert_array_equal(whole(batch, "label")[b], drive.array("label")[cut])
         np.testing.assert_array_equal(whole(batch, "centre_cell")[b], drive.array("centre_cell")[cut])
         cells = (drive.array("pose")[cut, :2, 3] - drive.origin) * 3

@@ -23,6 +23,7 @@ from tests.metrics.labels import labelled
 
 TITLES = {
     "mse": ("MSE", "lower"),
+    "mse_occupied_mass": ("MSE against the mass of occupied", "lower"),
     "mse_changed_cells": ("MSE, changed cells", "lower"),
     "mse_static_cells": ("MSE, static cells", "lower"),
     "mse_moving_cells": ("MSE, moving cells", "lower"),

@@ -1,8 +1,9 @@
 """Mean squared error per horizon."""
 
+import pytest
 import torch
 
-from envpred.metrics.horizon_mse import HorizonMSE, horizon_mse
+from envpred.metrics.horizon_mse import HorizonMSE, MassMSE, horizon_mse
 
 
 def test_by_hand() -> None:
@@ -27,3 +28,20 @@ def test_a_forecast_of_nan_is_not_hidden() -> None:
     metric = HorizonMSE(1)
     metric.update(forecast, target)
     assert metric.compute().mean.isnan().all()
+
+
+def test_against_the_mass_of_occupied() -> None:
+    """A cell of which nothing is known: the particle filter's 0 is right there, and half is not."""
+    target, mass = torch.tensor([[[[0.5, 0.8]]]]), torch.tensor([[[[0.0, 0.6]]]])
+    for forecast, error in ((torch.tensor([[[[0.0, 0.6]]]]), 0.0), (target, (0.25 + 0.04) / 2)):
+        metric = MassMSE(1)
+        metric.update(forecast, target, mass=mass)
+        torch.testing.assert_close(metric.compute().mean, torch.tensor([error]).double())
+
+
+def test_without_a_mass_it_is_undefined_and_another_grid_is_refused() -> None:
+    metric, target = MassMSE(1), torch.rand(1, 1, 4, 4)
+    metric.update(target, target)
+    assert metric.compute().mean.isnan().all()
+    with pytest.raises(ValueError, match=r"mass \(1, 1, 2, 4\) must be \(1, 1, 4, 4\)"):
+        metric.update(target, target, mass=target[:, :, :2])
