@@ -6,6 +6,8 @@ Each name is loaded when it is first used, so that `import envpred` costs nothin
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from envpred.caches import give_folders
+
 if TYPE_CHECKING:
     from envpred import drives as drives
     from envpred.mapping.mapper import Mapper as Mapper
@@ -20,6 +22,8 @@ _FACE = {
     "Store": "envpred.store",
     "load_forecaster": "envpred.models.loading",
 }
+
+give_folders()  # before any library looks for its own
 
 
 def __getattr__(name: str) -> Any:
