@@ -7,11 +7,11 @@ Everything is imported where it is needed: help is there at once, worker process
 while libraries load is to end like any other.
 """
 
-import os
 import sys
 from typing import NoReturn
 
 from envpred import interrupts
+from envpred.cli.surroundings import current_folder, one_line
 from envpred.errors import UserError
 from envpred.interrupts import MESSAGE, ends_at_once, exit_code, raised
 
@@ -24,10 +24,10 @@ def program() -> NoReturn:
 def main(args: list[str] | None = None) -> None:
     """Entry point; a user's mistake is one line on standard error and exit code 1."""
     args = sys.argv[1:] if args is None else args
-    if os.getcwd() not in sys.path:
-        sys.path.append(os.getcwd())  # classes of the user's own are named by files in the current folder
     try:
-        with raised():
+        with raised(), one_line(args):
+            if (folder := current_folder()) not in sys.path:
+                sys.path.append(folder)  # classes of the user's own are named by files in it
             _run(args)
     except UserError as error:
         print(f"envpred: {error}", file=sys.stderr)
