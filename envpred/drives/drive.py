@@ -111,6 +111,11 @@ class Drive(ABC):
         return [(a, b - a) for a, b in itertools.pairwise(edges) if b > a]
 
 
+def named(folder: Path) -> Path:
+    """`folder` by an absolute path that ends on its name; a link stays one, as what lies beside it belongs to it."""
+    return folder.resolve() if folder.name in ("", "..") else folder.absolute()
+
+
 def read_points(file: Path) -> NDArray[np.float32]:
     """Points (N, 4) float32 of one `.bin` scan in KITTI's format.
 

@@ -14,7 +14,7 @@ import numpy as np
 import pykitti.utils
 from numpy.typing import NDArray
 
-from envpred.drives.drive import Drive, read_points
+from envpred.drives.drive import Drive, named, read_points
 from envpred.drives.plausible import check_rotation
 from envpred.errors import UserError, short
 from envpred.gate import read_text
@@ -43,10 +43,10 @@ def find(root: Path) -> list[Drive]:
 
 
 class KittiDrive(Drive):
-    """One folder `<date>_drive_<number>_sync`, with the day's calibration in the folder above it."""
+    """One folder `<date>_drive_<number>_sync`, with the day's calibration beside it, or beside what it links to."""
 
     def __init__(self, folder: Path) -> None:
-        self.folder = folder.resolve()
+        self.folder = named(folder)
         self.name = self.folder.name
 
     @cached_property
@@ -72,7 +72,8 @@ class KittiDrive(Drive):
         return self._times[k] - self._times[self.frames[0]]
 
     def sensor_to_body(self) -> FloatArray:
-        file = self.folder.parent / "calib_imu_to_velo.txt"
+        places = [folder.parent / "calib_imu_to_velo.txt" for folder in (self.folder, self.folder.resolve())]
+        file = next((place for place in places if place.is_file()), places[0])
         try:
             calibration = pykitti.utils.read_calib_file(file)
             rotation, translation = calibration["R"].reshape(3, 3), calibration["T"].reshape(3)

@@ -12,7 +12,7 @@ import numpy as np
 import pykitti.utils
 from numpy.typing import NDArray
 
-from envpred.drives.drive import Drive, read_points
+from envpred.drives.drive import Drive, named, read_points
 from envpred.drives.plausible import check_rotation
 from envpred.errors import UserError
 from envpred.mapping.geometry import PAPER_SENSOR_OFFSET, FloatArray
@@ -28,7 +28,7 @@ class OdometryDrive(Drive):
     """One folder `sequences/<number>`; its poses are `poses.txt` in it or `poses/<number>.txt` two folders up."""
 
     def __init__(self, folder: Path) -> None:
-        self.folder = folder.resolve()
+        self.folder = named(folder)
         self.name = f"sequence_{self.folder.name}"
 
     @cached_property
@@ -79,7 +79,8 @@ class OdometryDrive(Drive):
         return cast(FloatArray, PAPER_SENSOR_OFFSET @ sensor @ np.linalg.inv(PAPER_SENSOR_OFFSET))
 
     def _pose_file(self) -> Path:
-        places = [self.folder / "poses.txt", self.folder.parents[1] / "poses" / f"{self.folder.name}.txt"]
+        places = [self.folder / "poses.txt"]
+        places += [f.parents[1] / "poses" / f"{f.name}.txt" for f in (self.folder, self.folder.resolve())]
         for place in places:
             if place.is_file():
                 return place

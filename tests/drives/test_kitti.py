@@ -13,6 +13,8 @@ from envpred.errors import UserError
 from envpred.mapping.geometry import PAPER_SENSOR_OFFSET
 from tests.drives.synthetic import HOME, motion, write_calibration, write_drive
 
+BINARY = "\x81\xff\x00\xfe" * 80  # no text in UTF-8
+
 
 def only(root: Path) -> Drive:
     """The one drive under `root`."""
@@ -32,6 +34,27 @@ def test_a_drive_is_found_at_its_folder_its_day_and_their_root(whole: Path) -> N
         assert drive.name == "2011_09_26_drive_0001_sync"
         assert drive.frames == list(range(12))
         assert drive.stretches() == [(0, 12)]
+
+
+@pytest.mark.parametrize("beside", ["link", "drive"])
+def test_a_drive_may_be_a_link_to_another_disk(tmp_path: Path, beside: str) -> None:
+    """The day's calibration then lies beside the link, or beside what it leads to."""
+    folder = write_drive(tmp_path / "disk", frames=3)
+    link = tmp_path / "source" / folder.parent.name / folder.name
+    link.parent.mkdir(parents=True)
+    link.symlink_to(folder.rename(folder.parent / "elsewhere"))
+    if beside == "link":
+        (folder.parent / "calib_imu_to_velo.txt").rename(link.parent / "calib_imu_to_velo.txt")
+    drive = only(tmp_path / "source")
+    assert (drive.name, drive.frames) == (link.name, [0, 1, 2])
+    assert drive.sensor_to_body() == pytest.approx(PAPER_SENSOR_OFFSET)
+
+
+def test_a_drive_is_named_by_its_folder_however_that_is_given(whole: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(whole / "oxts")
+    assert only(Path("..")).name == whole.name
+    monkeypatch.chdir(whole)
+    assert only(Path()).name == whole.name
 
 
 def test_drives_of_several_days_come_sorted_by_name(tmp_path: Path) -> None:
@@ -181,12 +204,12 @@ def test_a_damaged_scan_is_refused_by_name(tmp_path: Path, damage: Callable[[Pat
 
 
 @pytest.mark.parametrize(
-    "text", ["", "49.0 8.4 112.8", "0 " * 29, "0 " * 31, "0 " * 12 + "abc " + "0 " * 17, "nan " + "0 " * 29]
+    "text", ["", "49.0 8.4 112.8", "0 " * 29, "0 " * 31, "0 " * 12 + "abc " + "0 " * 17, "nan " + "0 " * 29, BINARY]
 )
 def test_a_damaged_packet_is_refused_by_name(tmp_path: Path, text: str) -> None:
     folder = write_drive(tmp_path, frames=3)
-    (folder / PACKET).write_text(text)
-    with pytest.raises(UserError, match="30 numbers") as caught:
+    (folder / PACKET).write_text(text, "latin-1")
+    with pytest.raises(UserError, match="30 numbers|is no text") as caught:
         only(folder).frames  # noqa: B018
     assert str(folder / PACKET) in str(caught.value)
     assert "copy it again" in str(caught.value)
@@ -220,20 +243,22 @@ def test_a_missing_calibration_is_refused_with_both_remedies(tmp_path: Path) -> 
         "R: 2 0 0 0 1 0 0 0 1\nT: 0 0 0",
         "R: 1 0 0 0 1 0 0 0 nan\nT: 0 0 0",
         "R: 1 0 0 0 1 0 0 0 1\nT: 0 0 inf",
+        BINARY,
     ],
 )
 def test_a_damaged_calibration_is_refused_by_name(tmp_path: Path, text: str) -> None:
     folder = write_drive(tmp_path, frames=1)
-    (folder.parent / "calib_imu_to_velo.txt").write_text(text)
+    (folder.parent / "calib_imu_to_velo.txt").write_text(text, "latin-1")
     with pytest.raises(UserError, match=r"calib_imu_to_velo.txt: .*copy it again"):
         only(folder).sensor_to_body()
 
 
-def test_a_damaged_time_stamp_is_refused_by_line(tmp_path: Path) -> None:
+@pytest.mark.parametrize("stamp", ["noon", BINARY])
+def test_a_damaged_time_stamp_is_refused_by_line(tmp_path: Path, stamp: str) -> None:
     folder = write_drive(tmp_path, frames=3)
     file = folder / "velodyne_points" / "timestamps.txt"
-    file.write_text("\n".join(["2011-09-26 13:02:25.964389445", "noon", ""]))
-    with pytest.raises(UserError, match="line 2") as caught:
+    file.write_text("\n".join(["2011-09-26 13:02:25.964389445", stamp, ""]), "latin-1")
+    with pytest.raises(UserError, match="line 2|is no text") as caught:
         only(folder).time(0)
     assert str(file) in str(caught.value)
 

@@ -64,6 +64,19 @@ def test_semantic_kitti_s_poses_in_the_sequence_come_first(sequence: Path) -> No
     assert drive.frames == [0, 1], "frames without a pose are left out"
 
 
+def test_a_sequence_may_be_a_link_to_another_disk(sequence: Path, tmp_path: Path) -> None:
+    poses = find_drives(sequence)[0].poses
+    link = tmp_path / "linked" / "sequences" / sequence.name
+    link.parent.mkdir(parents=True)
+    link.symlink_to(sequence)
+    for _ in range(2):
+        [drive] = find_drives(tmp_path / "linked")
+        assert (drive.poses == poses).all()
+        folder = sequence.parents[1] / "poses"
+        if folder.is_dir():  # once beside what the link leads to, once beside the link
+            folder.rename(tmp_path / "linked" / "poses")
+
+
 def test_a_missing_scan_leaves_a_gap(sequence: Path) -> None:
     (sequence / "velodyne" / "000001.bin").unlink()
     (sequence / "times.txt").unlink()
@@ -85,6 +98,9 @@ def test_a_missing_scan_leaves_a_gap(sequence: Path) -> None:
         ("../../poses/07.txt", None, "no poses"),
         ("times.txt", "0.0\n", "1 times for 4 poses"),
         ("times.txt", "noon\n", "no number of seconds"),
+        ("calib.txt", "\x81\xff\x00", "12 numbers"),
+        ("../../poses/07.txt", "\x81\xff\x00", "12 numbers"),
+        ("times.txt", "\x81\xff\x00", "no number of seconds"),
     ],
 )
 def test_damage_is_refused_by_name(sequence: Path, name: str, text: str | None, message: str) -> None:
@@ -92,7 +108,7 @@ def test_damage_is_refused_by_name(sequence: Path, name: str, text: str | None, 
     if text is None:
         file.unlink()
     else:
-        file.write_text(text)
+        file.write_text(text, "latin-1")
     [drive] = find_drives(sequence)
     ask: Callable[[], object] = lambda: drive.time(0) if name == "times.txt" else drive.frames  # noqa: E731
     with pytest.raises(UserError, match=message) as caught:
