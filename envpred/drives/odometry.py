@@ -33,7 +33,7 @@ class OdometryDrive(Drive):
 
     @cached_property
     def frames(self) -> list[int]:
-        scans = {int(f.stem) for f in (self.folder / "velodyne").glob("*.bin") if f.stem.isdigit()}
+        scans = {int(f.stem) for f in (self.folder / "velodyne").glob("*.bin") if f.stem.isdecimal()}
         return sorted(scans & set(range(len(self._body_poses))))
 
     def scan(self, k: int) -> NDArray[np.float32]:

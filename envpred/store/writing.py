@@ -1,7 +1,9 @@
 """Writing a drive into a store so that it appears whole or not at all."""
 
 import contextlib
+import errno
 import os
+import shutil
 import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -14,7 +16,7 @@ from numpy.typing import DTypeLike, NDArray
 
 from envpred import __version__
 from envpred.errors import UserError
-from envpred.store.files import FORMAT, MANIFEST, checksum, write_json
+from envpred.store.files import FORMAT, MANIFEST, checksum, replaced, write_json
 from envpred.store.groups import GROUPS
 from envpred.store.parts import Part, alone, begin, sweep
 from envpred.store.reading import StoredDrive
@@ -178,7 +180,7 @@ class DriveWriter:
         valid = {entry["file"] for entry in old["arrays"].values()}
         for name, entry in entries.items():
             entry["file"] = next(file for file in (f"{name}.npy", f"{name}.1.npy") if file not in valid)
-            os.replace(part.folder / f"{name}.npy", self.folder / entry["file"])
+            _move(part.folder / f"{name}.npy", self.folder / entry["file"])
         manifest = self._manifest({} if self.group == "mapping" else old, entries)
         write_json(self.folder / MANIFEST, manifest)
         # What no manifest names any more, or never did as its writer was killed; other files are not ours to remove.
@@ -197,3 +199,14 @@ class DriveWriter:
             "arrays": {**others, **entries},
             "software": f"envpred {__version__}",
         }
+
+
+def _move(written: Path, target: Path) -> None:
+    """Move an array to its place, also where a drive's folder is a link to another disk."""
+    try:
+        os.replace(written, target)
+    except OSError as error:
+        if error.errno != errno.EXDEV:
+            raise
+        with replaced(target) as part:
+            shutil.copyfile(written, part)

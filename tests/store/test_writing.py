@@ -3,6 +3,7 @@
 import json
 import os
 import shutil
+import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
@@ -42,6 +43,22 @@ def dies_before_manifest(monkeypatch: pytest.MonkeyPatch) -> Callable[[], None]:
         monkeypatch.setattr(Part, "discard", lambda part: part.lock.release())
 
     return arm
+
+
+def test_a_drive_that_is_a_link_to_another_disk_is_completed_there(store: Path) -> None:
+    if os.stat("/dev/shm").st_dev == store.stat().st_dev:
+        pytest.skip("no other disk to be written is at /dev/shm")
+    with tempfile.TemporaryDirectory(dir="/dev/shm") as disk:
+        shutil.move(store / "a", disk)
+        (store / "a").symlink_to(Path(disk, "a"))
+        write(store, group="dogma", arrays={"velocity": VELOCITY})
+        write(store, arrays={"label": label(1), "time": np.arange(5.0)})
+        drive = Store(store).drives["a"]
+        drive.verify()
+        assert (drive.array("label") == label(1)).all()
+        assert not {file.name for file in store.iterdir()} - {".lock", "a", "store.json"}
+        assert (store / "a").is_symlink()
+        assert {file.suffix for file in Path(disk, "a").iterdir()} == {".json", ".npy"}
 
 
 def test_manifest_is_written_last_and_the_drive_appears_by_one_rename(
