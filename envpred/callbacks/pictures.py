@@ -95,7 +95,7 @@ class Pictures(Callback):
             for kind, picture in pictures.items():
                 save(picture, folder / files[kind])
             files["animation"] = f"pictures/window_{place}.gif"
-            (folder / files["animation"]).write_bytes(scene_animation(drawn.scene))
+            save(scene_animation(drawn.scene), folder / files["animation"])
             for kind, file in files.items():
                 names[f"window_{place}_{kind}"] = file
                 if logger is not None:

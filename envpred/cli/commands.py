@@ -139,8 +139,7 @@ def show(store: Path, out: Path, drive: str | None = None, frame: int = 0, conte
     chosen = _stored_drive(store, drive, frame)
     labels, mass = (chosen.array(f"context_{name}" if context else name) for name in ("label", "evidence"))
     if out.suffix == ".gif":
-        out.write_bytes(pictures.drive_animation(labels, mass, chosen.period))
-        print(out)
+        print(pictures.save(pictures.drive_animation(labels, mass, chosen.period), out))
     else:
         resolution, masses = chosen.manifest["lattice"]["resolution"], np.array(mass[frame], np.float32)
         print(pictures.save(pictures.mapping_overview(np.array(labels[frame]), masses, resolution), out))
@@ -160,8 +159,7 @@ def velocity(store: Path, out: Path, drive: str | None = None, frame: int = 0) -
 
     chosen = _stored_drive(store, drive, frame)
     if out.suffix == ".gif":
-        out.write_bytes(velocities.of_drive(chosen))
-        print(out)
+        print(pictures.save(velocities.of_drive(chosen), out))
     else:
         print(pictures.save(velocities.of_frame(chosen, frame), out))
 

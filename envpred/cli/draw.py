@@ -76,11 +76,8 @@ def draw(
         scenes.append(method.scene(method.windows.index(windows[window]), label))
     scene = together(scenes)
     steps = None if horizons is None else [_steps(seconds, scene) for seconds in horizons]
-    out.parent.mkdir(parents=True, exist_ok=True)
-    if out.suffix == ".gif":
-        out.write_bytes(scene_animation(scene))
-    else:
-        save(scene_strip(scene, steps, camera_of(scene.drive, source)), out)
+    picture = scene_animation(scene) if out.suffix == ".gif" else None
+    save(picture or scene_strip(scene, steps, camera_of(scene.drive, source)), out)
     return f"{out}: {scene.where}"
 
 

@@ -6,6 +6,7 @@ import select
 import shutil
 import sys
 import tempfile
+import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from io import TextIOWrapper
@@ -27,13 +28,17 @@ def one_line(args: Sequence[str]) -> Iterator[None]:
     """
     if isinstance(sys.stdout, TextIOWrapper) and sys.stdout.errors == "strict":
         sys.stdout.reconfigure(errors="backslashreplace")  # what its encoding lacks is no reason to fail
+    lost: list[OSError] = []
     try:
-        try:
-            yield
-        except SystemExit:
-            _flush()
-            raise
+        with _threads_told(lost):
+            try:
+                yield
+            except SystemExit:
+                _flush()
+                raise
         _flush()
+        if lost:
+            raise lost[0]
     except OSError as error:
         if _unread():
             sys.exit(UNREAD)
@@ -48,6 +53,24 @@ def one_line(args: Sequence[str]) -> Iterator[None]:
                 os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
+@contextmanager
+def _threads_told(lost: list[OSError]) -> Iterator[None]:
+    """Keep what the system refuses to threads, as TensorBoard's, which would each tell it by a traceback."""
+    before = threading.excepthook
+
+    def keep(told: threading.ExceptHookArgs) -> None:
+        if isinstance(told.exc_value, OSError):
+            lost.append(told.exc_value)
+        else:
+            before(told)
+
+    threading.excepthook = keep
+    try:
+        yield
+    finally:
+        threading.excepthook = before
+
+
 def current_folder() -> str:
     """The folder that the command is run in.
 
@@ -58,6 +81,11 @@ def current_folder() -> str:
         return os.getcwd()
     except OSError as error:
         raise UserError(f"the current folder is gone ({error.strerror}); change into another one") from None
+
+
+def is_full(folder: Path) -> bool:
+    """Whether the disk of a folder takes nothing more of ours."""
+    return shutil.disk_usage(folder).free < LEAST
 
 
 def _refused(error: OSError, args: Sequence[str]) -> str:
@@ -78,11 +106,11 @@ def _full(args: Sequence[str]) -> Iterator[str]:
     except OSError:
         yield "standard output"
     for value in (*(arg.rpartition("=")[2] for arg in args), ".", tempfile.gettempdir()):
-        place = Path(value)
         with suppress(OSError, ValueError):  # not every argument is a path
-            there = next(folder for folder in (place, *place.parents) if folder.exists())
-            if shutil.disk_usage(there).free < LEAST:
-                yield str(place)
+            place = Path(value).absolute()
+            there = next(folder for folder in (place, *place.parents) if folder.is_dir())
+            if is_full(there):
+                yield str(there)
 
 
 def _flush() -> None:

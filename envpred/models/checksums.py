@@ -1,5 +1,6 @@
 """A checksum that a checkpoint carries as the comment of the archive that it is, so that a flipped bit is found."""
 
+import io
 import os
 import zlib
 from pathlib import Path
@@ -30,11 +31,12 @@ class _Summed:
 
 def save(checkpoint: dict[str, Any], file: Path) -> None:
     """Write a checkpoint with its checksum."""
-    with file.open("wb") as out:
-        summed = _Summed(out)
-        torch.save(checkpoint, cast(IO[bytes], summed))
-        out.seek(-2, os.SEEK_END)  # the comment's length
-        out.write(_COMMENT.to_bytes(2, "little") + _comment(summed.sum))
+    content = io.BytesIO()  # where torch writes to a disk that is full, it hides why it failed
+    summed = _Summed(content)
+    torch.save(checkpoint, cast(IO[bytes], summed))
+    content.seek(-2, os.SEEK_END)  # the comment's length
+    content.write(_COMMENT.to_bytes(2, "little") + _comment(summed.sum))
+    file.write_bytes(content.getbuffer())
 
 
 def check(file: Path) -> bool:

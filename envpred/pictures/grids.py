@@ -22,6 +22,7 @@ from tqdm import tqdm
 
 from envpred.mapping.evidence import pignistic
 from envpred.mapping.geometry import EGO, FREE, OCCUPIED, UNKNOWN
+from envpred.store.files import replaced
 
 Grid = NDArray[np.floating] | NDArray[np.uint8]
 
@@ -38,11 +39,15 @@ def figure(width: float, height: float, layout: Literal["constrained"] | None = 
     return fig
 
 
-def save(fig: Figure, file: Path | str) -> Path:
-    """Write a figure to `file`, whose ending decides the format."""
+def save(picture: Figure | bytes, file: Path | str) -> Path:
+    """Write a figure to `file`, whose ending decides the format, or the bytes of an animation; whole or not at all."""
     file = Path(file)
     file.parent.mkdir(parents=True, exist_ok=True)
-    fig.savefig(file, dpi=130)
+    with replaced(file) as part:
+        if isinstance(picture, bytes):
+            part.write_bytes(picture)
+        else:
+            picture.savefig(part, dpi=130)
     return file
 
 

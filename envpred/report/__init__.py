@@ -17,6 +17,7 @@ from envpred.report.runs import read_runs
 from envpred.report.seeds import average_seeds, seeds_table
 from envpred.report.tables import comparisons, methods_table, published_table, variants_table
 from envpred.results.scenes import Scene
+from envpred.store.files import replace_text
 
 PAGE = "report.html"
 
@@ -71,14 +72,13 @@ def report(
     out.mkdir(parents=True, exist_ok=True)
     for table in (*measured, *published, *appendix):
         for ending, text in (("md", table.markdown()), ("csv", table.csv()), ("tex", table.latex())):
-            (out / f"{table.name}.{ending}").write_text(text)
+            replace_text(out / f"{table.name}.{ending}", text)
     curves = {}
     for name, (heading, figure) in figures.items():
         save(figure, out / f"{name}.pdf")
         curves[heading] = Picture.read(save(figure, out / f"{name}.png"), CAPTIONS[name])
     drawn = _compared(scenes, read, out, cameras)
-    (out / PAGE).write_text(page(read, measured, published, appendix, curves, drawn, pictures))
-    return out / PAGE
+    return replace_text(out / PAGE, page(read, measured, published, appendix, curves, drawn, pictures))
 
 
 def _compared(
@@ -91,7 +91,7 @@ def _compared(
     for n, scene in enumerate(scenes):
         strip, gif = out / f"window_{n}.png", out / f"window_{n}.gif"
         save(scene_strip(scene, camera=cameras[scene.drive]), strip)
-        gif.write_bytes(scene_animation(scene))
+        save(scene_animation(scene), gif)
         pictures.append(Picture.read(strip, f"{scene.where}: target and forecasts.{lacking}"))
         pictures.append(Picture.read(gif, f"{scene.where}: what was seen, then target and forecasts.{lacking}"))
     return pictures

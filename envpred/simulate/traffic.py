@@ -15,6 +15,7 @@ from envpred.compiled import njit
 from envpred.errors import UserError
 from envpred.gate import read_arrays
 from envpred.gate.stores import recording
+from envpred.store.files import replaced
 
 FloatArray = NDArray[np.float64]
 
@@ -105,7 +106,8 @@ class Recording:
             table = [(t.kind, t.length, t.width, t.heading) for t in network.tracks]
             arrays[f"{k}/track_table"] = np.array(table, np.float32).reshape(-1, 4)
             arrays |= _pack(f"{k}/track", [t.places for t in network.tracks])
-        np.savez_compressed(path, allow_pickle=False, **arrays)
+        with replaced(path) as part, part.open("wb") as file:
+            np.savez_compressed(file, allow_pickle=False, **arrays)
 
     @classmethod
     def load(cls, path: Path) -> "Recording":

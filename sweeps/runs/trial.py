@@ -10,6 +10,7 @@ from typing import Any
 
 import yaml
 
+from envpred.cli.surroundings import is_full
 from envpred.errors import UserError
 from envpred.interrupts import SIGNALS, heed
 
@@ -109,7 +110,7 @@ def failure(log: Path, code: int) -> Exception:
     told = next((line.removeprefix("envpred: ") for line in reversed(lines) if line.startswith("envpred: ")), None)
     reason = told or (lines[-1].strip() if lines else f"exit code {code}")
     text = "\n".join(lines[-50:])
-    if DISK.search(text):
+    if DISK.search(text) or is_full(log.parent):  # then the log may lack its end, too
         return UserError(f"{log.parent}: the disk is full; make room, then run the same command again to go on")
     if code == -9:
         return TrialFailedError("killed from outside (out of memory?)", out_of_memory=True)
