@@ -41,8 +41,11 @@ def build_dogma(
         device: where the filter runs, cpu or cuda.
 
     Raises:
-        UserError: if drives fail, are not there, or the store was built with other parameters.
+        UserError: if drives fail, are not there, or the store was built with other parameters, or the device is not
+            to be used.
     """
+    if cluster is None:  # its workers have devices of their own
+        check_device(device)
     parameters = parameters or DogmaParameters()
     target = Store(store)
     names = list(target.drives) if drives is None else drives
@@ -67,6 +70,19 @@ def build_dogma(
         run_jobs(job, todo, "velocities", workers, cluster)
     finally:
         sweep(store)
+
+
+def check_device(device: str) -> None:
+    """Refuse a device that the filter cannot run on in this process.
+
+    Raises:
+        UserError: naming it.
+    """
+    try:
+        torch.Generator(device)
+    except (RuntimeError, AssertionError) as error:
+        reason = " ".join(str(error).split(". ")[0].split())
+        raise UserError(f"--device {device}: torch cannot use it here ({reason:.120}); give --device cpu") from None
 
 
 def _add(

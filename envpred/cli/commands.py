@@ -66,14 +66,17 @@ def grids(
     if every < 1:
         raise UserError(f"--every {every}: give 1 for every scan, 2 for every second one, and so on")
     dogma = dogma or bool(particle_forecast)
+    if dogma:
+        with ends_at_once():
+            from envpred.build.dogma import build_dogma, check_device
+        if cluster is None:
+            check_device(device)
     if source is not None:
         parameters = MappingParameters(grid, ground, rays, evidence, sensor, every)
         build(source, store, parameters, drives, workers, cluster, force, context, reader)
     elif not dogma or context is not None:
         raise UserError("give the folder with the drives as --source; velocities alone (--dogma) need none")
     if dogma:
-        with ends_at_once():
-            from envpred.build.dogma import build_dogma
         build_dogma(store, particles, drives, particle_forecast, workers, cluster, force, device)
 
 

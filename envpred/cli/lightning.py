@@ -9,9 +9,11 @@ from typing import Any, TypeVar
 
 import torch
 from jsonargparse import Namespace
+from lightning.pytorch import Trainer
 from lightning.pytorch.cli import LightningArgumentParser, LightningCLI
 from lightning.pytorch.loggers import TensorBoardLogger
 from lightning.pytorch.utilities import rank_zero_only
+from lightning.pytorch.utilities.exceptions import MisconfigurationException
 
 from envpred.callbacks import Baselines, Hyperparameters, Pictures, PredictionWriter, ResultWriter, Validations
 from envpred.cli.begun import clear, own_folder
@@ -119,6 +121,19 @@ class EnvpredCLI(LightningCLI):
     def instantiate_classes(self) -> None:
         with as_raised():
             super().instantiate_classes()
+
+    def instantiate_trainer(self, **kwargs: Any) -> Trainer:
+        """The trainer; what Lightning says of its options in several ways is a user's mistake, in one line."""
+        accelerator = self._options.trainer.accelerator
+        if accelerator in ("gpu", "cuda") and not torch.cuda.is_available():
+            raise UserError(
+                f"--trainer.accelerator {accelerator}: torch finds no GPU here; give --trainer.accelerator auto"
+            )
+        try:
+            return super().instantiate_trainer(**kwargs)
+        except (MisconfigurationException, ModuleNotFoundError, TypeError, ValueError) as error:
+            reason = " ".join(str(error).split()).rstrip(".")
+            raise UserError(f"--trainer: {reason}; `envpred fit --help_all` lists what it takes") from None
 
     def after_instantiate_classes(self) -> None:
         """Refuse random weights and what has none, leave the schedule to the model, and log at least once an epoch.

@@ -115,7 +115,7 @@ SMALL += ["--model.channels=[4]", "--model.t1_epochs=1", "--model.t5_epochs=1", 
 @pytest.mark.slow
 @pytest.mark.parametrize(("free", "commands"), [("0", ["fit", "test", "predict"]), ("110k", ["fit"])])
 def test_runs_go_on_when_there_is_room_again(folder: Path, tmp_path: Path, free: str, commands: list[str]) -> None:
-    """On a small disk, full from the start or after one checkpoint; what threads of TensorBoard are refused included."""
+    """On a small disk, full from the start or after one checkpoint; also what threads of TensorBoard are refused."""
     options = " ".join(f"'{option}'" for option in [*SMALL, f"--data.store={folder / 'grids'}", *QUIET])
     script = f"mount -t tmpfs -o size=3m tmpfs {tmp_path}; cd {tmp_path}"
     for command in commands:
