@@ -2,6 +2,7 @@
 
 import contextlib
 import difflib
+import math
 from collections.abc import Iterable, Iterator
 
 VALUE, REASON = 60, 300  # letters of a value, and of a library's reason, that a message repeats
@@ -9,6 +10,18 @@ VALUE, REASON = 60, 300  # letters of a value, and of a library's reason, that a
 
 class UserError(Exception):
     """A mistake or a damaged file that the user can mend; the command line prints it without a traceback."""
+
+
+def check_number(option: str, value: float, least: float = 0, most: float = math.inf, above: bool = False) -> None:
+    """Refuse a `value` of `option` that does not lie in `least` ... `most`, or is not `above` the least.
+
+    Raises:
+        UserError: naming option, value and range; infinities and what is not a number lie in none.
+    """
+    if not (math.isfinite(value) and least <= value <= most) or (above and value == least):
+        lower = f"above {least:g}" if above else f"of at least {least:g}"
+        upper = "" if most == math.inf else f" and at most {most:g}"
+        raise UserError(f"--{option} {value:g}: give a number {lower}{upper}")
 
 
 @contextlib.contextmanager

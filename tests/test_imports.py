@@ -29,7 +29,7 @@ ALLOWED: dict[str, set[str]] = {
     "datamodules": {"mapping", "store", "horizons", "errors"},
     "models": {"networks", "datamodules", "metrics", "mapping", "store.files", "horizons", "gate", "errors"},
     "results": {"mapping", "store", "horizons", "gate", "errors", "__version__"},
-    "pictures": {"mapping", "store", "results", "horizons"},
+    "pictures": {"mapping", "store", "results", "horizons", "errors"},
     "simulate": {"compiled", "drives", "mapping", "build", "store", "pictures", "gate", "errors"},
     "callbacks": {
         *("models", "datamodules", "pictures", "results", "metrics", "mapping", "store", "horizons", "gate", "errors"),

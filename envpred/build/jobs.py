@@ -6,7 +6,7 @@ import sys
 from tqdm import tqdm
 
 from envpred.build.executors import D, Job, in_processes, on_cluster
-from envpred.errors import UserError
+from envpred.errors import UserError, check_number
 
 
 def run_jobs(
@@ -22,6 +22,8 @@ def run_jobs(
     Raises:
         UserError: with a line for each drive that failed (`failures` are those that had failed before).
     """
+    if workers is not None:
+        check_number("workers", workers, 1)
     failures = [] if failures is None else failures
     count, before = 0, len(failures)
     with (

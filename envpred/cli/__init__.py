@@ -11,7 +11,7 @@ import sys
 from typing import NoReturn
 
 from envpred import interrupts
-from envpred.cli.surroundings import current_folder, one_line
+from envpred.cli.surroundings import current_folder, in_one_line
 from envpred.errors import UserError
 from envpred.interrupts import MESSAGE, ends_at_once, exit_code, raised
 
@@ -25,7 +25,7 @@ def main(args: list[str] | None = None) -> None:
     """Entry point; a user's mistake is one line on standard error and exit code 1."""
     args = sys.argv[1:] if args is None else args
     try:
-        with raised(), one_line(args):
+        with raised(), in_one_line(args):
             if (folder := current_folder()) not in sys.path:
                 sys.path.append(folder)  # classes of the user's own are named by files in it
             _run(args)

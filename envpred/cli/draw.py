@@ -4,14 +4,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-
 from envpred.drives import one_drive
 from envpred.errors import UserError
 from envpred.horizons import in_seconds
 from envpred.pictures.animations import scene_animation
 from envpred.pictures.forecasts import Camera, scene_strip
-from envpred.pictures.grids import save
+from envpred.pictures.grids import check_ending, save
 from envpred.report.pictures import drawn_scenes
 from envpred.report.runs import found_in, read_run
 from envpred.results.predictions import Predictions
@@ -54,9 +52,7 @@ def draw(
     Raises:
         UserError: if no folder holds forecasts, or one lacks the window, or was forecast from other grids.
     """
-    endings = {*FigureCanvasAgg.get_supported_filetypes(), "gif"}
-    if out.suffix.lstrip(".") not in endings:
-        raise UserError(f"{out}: no picture that can be written; end its name on .png, .pdf, .svg or .gif")
+    check_ending(out)
     grids = Store(store) if store is not None else None
     remedy = "name what `envpred predict` wrote, or a run of `envpred test` that drew some windows"
     methods = found_in(folders, lambda folder: _opened(folder, grids), "forecasts", remedy)

@@ -9,11 +9,11 @@ from typing import Any, TypeVar
 
 import torch
 from jsonargparse import Namespace
+from lightning.fabric.utilities.exceptions import MisconfigurationException
 from lightning.pytorch import Trainer
 from lightning.pytorch.cli import LightningArgumentParser, LightningCLI
 from lightning.pytorch.loggers import TensorBoardLogger
 from lightning.pytorch.utilities import rank_zero_only
-from lightning.pytorch.utilities.exceptions import MisconfigurationException
 
 from envpred.callbacks import Baselines, Hyperparameters, Pictures, PredictionWriter, ResultWriter, Validations
 from envpred.cli.begun import clear, own_folder
@@ -27,7 +27,7 @@ from envpred.cli.signatures import options
 from envpred.cli.tokens import plain
 from envpred.cli.unfinished import told_if_ended
 from envpred.datamodules import GridDataModule
-from envpred.errors import UserError, as_raised
+from envpred.errors import UserError, as_raised, check_number, one_line
 from envpred.models import Forecaster
 from envpred.models.checkpoints import read_checkpoint
 from envpred.results.result import short_name
@@ -122,6 +122,12 @@ class EnvpredCLI(LightningCLI):
         with as_raised():
             super().instantiate_classes()
 
+    def _set_seed(self) -> None:
+        seed = self._options.get("seed_everything")
+        if isinstance(seed, int) and not isinstance(seed, bool):
+            check_number("seed_everything", seed, 0, 2**32 - 1)
+        super()._set_seed()
+
     def instantiate_trainer(self, **kwargs: Any) -> Trainer:
         """The trainer; what Lightning says of its options in several ways is a user's mistake, in one line."""
         accelerator = self._options.trainer.accelerator
@@ -132,7 +138,7 @@ class EnvpredCLI(LightningCLI):
         try:
             return super().instantiate_trainer(**kwargs)
         except (MisconfigurationException, ModuleNotFoundError, TypeError, ValueError) as error:
-            reason = " ".join(str(error).split()).rstrip(".")
+            reason = one_line(error).rstrip(".")
             raise UserError(f"--trainer: {reason}; `envpred fit --help_all` lists what it takes") from None
 
     def after_instantiate_classes(self) -> None:

@@ -20,7 +20,7 @@ LEAST = 64 * 1024  # bytes; a disk with fewer free takes nothing of ours
 
 
 @contextmanager
-def one_line(args: Sequence[str]) -> Iterator[None]:
+def in_one_line(args: Sequence[str]) -> Iterator[None]:
     """Make one line of what the system refuses to a command with `args`, and end quietly where nobody reads its output.
 
     Raises:

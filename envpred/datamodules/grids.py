@@ -23,7 +23,7 @@ from envpred.datamodules.windows import (
     occupancy_of,
     windows_in_order,
 )
-from envpred.errors import UserError
+from envpred.errors import UserError, check_number
 from envpred.horizons import PERIOD
 from envpred.mapping.geometry import GridSpec
 from envpred.store import MAPPING_ARRAYS, Store, StoredDrive, check_content, digest
@@ -84,14 +84,11 @@ class GridDataModule(LightningDataModule):
         if given < 1 or (length is not None and given >= length):
             of = "" if length is None else f" of --data.length {length}"
             raise UserError(f"--data.given {given}{of}: give at least 1, and leave a frame to forecast")
-        for name, value in (
-            ("samples", samples),
-            ("val_windows", val_windows),
-            ("batch_size", batch_size),
-            ("stride", stride),
-        ):
-            if value < 1:
-                raise UserError(f"--data.{name} {value}: give at least 1")
+        counts = {"samples": samples, "val_windows": val_windows, "batch_size": batch_size, "stride": stride}
+        for name, value in counts.items():
+            check_number(f"data.{name}", value, 1)
+        check_number("data.num_workers", num_workers)
+        check_number("data.seed", seed)
         self.store, self.variant, self.split = Path(store), variant, split
         self.asked = {"train": train, "val": val, "test": test}
         self.asked_length, self.given, self.samples, self.val_windows = length, given, samples, val_windows

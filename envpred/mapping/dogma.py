@@ -8,6 +8,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from envpred.errors import check_number
 from envpred.mapping.geometry import FloatArray, GridSpec, IntArray
 from envpred.mapping.particle_forecast import forecast, horizons_at
 from envpred.mapping.particle_state import ParticleFilterParameters, initial_state
@@ -33,6 +34,10 @@ class DogmaParameters:
     filter: ParticleFilterParameters = field(default_factory=ParticleFilterParameters)
     tau: float = 4.0
     occupied: float = 0.95
+
+    def __post_init__(self) -> None:
+        check_number("particles.tau", self.tau)
+        check_number("particles.occupied", self.occupied, 0, 1)
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from envpred.compiled import njit
+from envpred.errors import check_number
 from envpred.mapping.geometry import EGO, FREE, OCCUPIED
 from envpred.mapping.period import PERIOD
 
@@ -33,8 +34,7 @@ class EvidenceParameters:
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
-            if not 0 <= value <= 1:
-                raise ValueError(f"evidence parameter {name} must lie in [0, 1], not {value}")
+            check_number(f"evidence.{name}", value, 0, 1)
 
     def at(self, period: float) -> "EvidenceParameters":
         """These parameters for frames that lie `period` seconds apart: masses fade as fast in time as at 0.1 s."""

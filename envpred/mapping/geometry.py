@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from envpred.errors import UserError
+from envpred.errors import UserError, check_number
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int32]
@@ -13,6 +13,8 @@ IntArray = NDArray[np.int32]
 # Sensor to body (IMU) of KITTI's car as the paper's reference code takes it: no rotation, metres.
 PAPER_SENSOR_OFFSET = np.array([[1, 0, 0, 0.81], [0, 1, 0, -0.32], [0, 0, 1, 0.80], [0, 0, 0, 1]], np.float64)
 PAPER_SENSOR_HEIGHT = 1.73  # of KITTI's sensor above the road, metres
+
+MOST_CELLS = 8192  # along a side: more than half a gigabyte a frame
 
 # Codes of a label grid (uint8).
 UNKNOWN, OCCUPIED, FREE, EGO = 0, 1, 2, 3
@@ -53,9 +55,9 @@ class GridSpec:
 
     def __post_init__(self) -> None:
         if self.cells < 2 or self.cells % 2:
-            raise ValueError(f"a grid needs an even number of cells of at least 2, not {self.cells}")
-        if not self.resolution > 0:
-            raise ValueError(f"a cell's side must be positive, not {self.resolution} m")
+            raise UserError(f"--grid.cells {self.cells}: give an even number of at least 2")
+        check_number("grid.cells", self.cells, 2, MOST_CELLS)
+        check_number("grid.resolution", self.resolution, above=True)
 
     @property
     def half(self) -> int:

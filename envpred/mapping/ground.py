@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from envpred.compiled import njit
+from envpred.errors import check_number
 from envpred.mapping.geometry import PAPER_SENSOR_HEIGHT
 
 
@@ -53,6 +54,11 @@ class MarkovRandomField(GroundSegmenter):
     max_span: float = 0.3
     max_rise: float = 0.3
 
+    def __post_init__(self) -> None:
+        check_number("ground.cell", self.cell, above=True)
+        for name in ("max_span", "max_rise"):
+            check_number(f"ground.{name}", getattr(self, name))
+
     def obstacles(
         self,
         points: NDArray[np.float32],
@@ -91,6 +97,12 @@ class RansacPlane(GroundSegmenter):
     max_tilt: float = 15.0
     ceiling: float = 3.5
     seed: int = 0
+
+    def __post_init__(self) -> None:
+        check_number("ground.distance", self.distance, above=True)
+        check_number("ground.trials", self.trials, 1)
+        check_number("ground.max_tilt", self.max_tilt, 0, 90)
+        check_number("ground.seed", self.seed)
 
     def obstacles(
         self,

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from envpred.compiled import njit
+from envpred.errors import check_number
 from envpred.mapping.geometry import (
     EGO,
     FREE,
@@ -37,6 +38,10 @@ class RayCasting:
     front_margin: float = 0.8 + 1 / 6
     side_margin: float = 0.7 + 1 / 6
     nearest: float = 0.8
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            check_number(f"rays.{name}", value)
 
     def label(
         self,

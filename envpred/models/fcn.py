@@ -4,6 +4,7 @@ import torch
 from torch import Tensor
 
 from envpred.datamodules import Forecast, Seen, WindowBatch
+from envpred.errors import check_number
 from envpred.models.forecaster import Forecaster
 from envpred.networks.fcn import FCN8s
 
@@ -35,6 +36,11 @@ class FCNForecaster(Forecaster):
     ) -> None:
         super().__init__(variant, given)
         self.save_hyperparameters()
+        check_number("model.horizons", horizons, 1)
+        check_number("model.width", width, above=True)
+        check_number("model.dropout", dropout, 0, 1)
+        check_number("model.lr", lr)
+        check_number("model.max_epochs", max_epochs)
         self.network = FCN8s(len(self.view.channels), horizons, width, dropout)
 
     @property

@@ -11,7 +11,7 @@ from lightning.pytorch.utilities import rank_zero_info, rank_zero_warn
 from torch import Tensor
 
 from envpred.datamodules import Forecast, Future, Needs, Seen, WindowBatch
-from envpred.errors import UserError, one_line
+from envpred.errors import UserError, check_number, one_line
 from envpred.gate import read_arrays
 from envpred.gate.runs import keras_weights
 from envpred.models.checkpoints import StageCheckpoint, read_checkpoint
@@ -81,15 +81,15 @@ class PredNetForecaster(Forecaster):
         self.init_from = init_from
         inputs = len(self.view.channels)
         if not 1 <= len(layer_weights) <= len(channels) + 1 or min(layer_weights) < 0 or max(layer_weights) == 0:
-            raise UserError(
-                f"--model.layer_weights {layer_weights}: give 1 to {len(channels) + 1} numbers, none below 0 and one "
-                "above"
-            )
+            most = len(channels) + 1
+            raise UserError(f"--model.layer_weights {layer_weights}: give 1 to {most} numbers, none below 0, one above")
         if min(t1_epochs, t5_epochs) < 0 or t1_epochs + t5_epochs == 0:
-            raise UserError(
-                f"--model.t1_epochs {t1_epochs}, --model.t5_epochs {t5_epochs}: give numbers of which none is below 0, "
-                "and one above"
-            )
+            epochs = f"--model.t1_epochs {t1_epochs}, --model.t5_epochs {t5_epochs}"
+            raise UserError(f"{epochs}: give numbers of which none is below 0, and one above")
+        if not channels or min(channels) < 1:
+            raise UserError(f"--model.channels {channels}: give at least one number, each of at least 1")
+        for name in ("t1_lr", "t5_lr", "lr_drop", "t1_drop_epoch", "t5_drop_epoch"):
+            check_number(f"model.{name}", self.hparams[name])
         signed = tuple(self.view.velocity or ())
         self.network = PredNet((inputs, *channels), feedback=feedback, signed_channels=signed)
         while len(layer_weights) > 1 and layer_weights[-1] == 0:

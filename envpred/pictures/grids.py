@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from PIL import Image
 from tqdm import tqdm
 
+from envpred.errors import UserError
 from envpred.mapping.evidence import pignistic
 from envpred.mapping.geometry import EGO, FREE, OCCUPIED, UNKNOWN
 from envpred.store.files import replaced
@@ -39,9 +40,20 @@ def figure(width: float, height: float, layout: Literal["constrained"] | None = 
     return fig
 
 
+def check_ending(file: Path) -> None:
+    """Refuse a name whose ending tells no format that can be written.
+
+    Raises:
+        UserError: naming some that do.
+    """
+    if file.suffix.lstrip(".") not in {*FigureCanvasAgg.get_supported_filetypes(), "gif"}:
+        raise UserError(f"{file}: no picture that can be written; end its name on .png, .pdf, .svg or .gif")
+
+
 def save(picture: Figure | bytes, file: Path | str) -> Path:
     """Write a figure to `file`, whose ending decides the format, or the bytes of an animation; whole or not at all."""
     file = Path(file)
+    check_ending(file)
     file.parent.mkdir(parents=True, exist_ok=True)
     with replaced(file) as part:
         if isinstance(picture, bytes):

@@ -63,8 +63,8 @@ def checksum(file: Path, start: int = 0, stop: int | None = None) -> int:
 def replaced(file: Path) -> Iterator[Path]:
     """A path near `file` to write to, of the same ending; it takes the place of `file` in one step.
 
-    If the block fails, `file` stays what it was and nothing else is left, and what the system refuses names `file`; what
-    a killed writer of `file` left, goes.
+    If the block fails, `file` stays what it was and nothing else is left, and what the system refuses names `file`.
+    What a killed writer of `file` left, goes.
     """
     sweep(file.parent, file.name)
     part = begin(file)

@@ -209,7 +209,7 @@ def test_a_damaged_scan_is_refused_by_name(tmp_path: Path, damage: Callable[[Pat
 def test_a_damaged_packet_is_refused_by_name(tmp_path: Path, text: str) -> None:
     folder = write_drive(tmp_path, frames=3)
     (folder / PACKET).write_text(text, "latin-1")
-    with pytest.raises(UserError, match="30 numbers|is no text") as caught:
+    with pytest.raises(UserError, match=r"30 numbers|is no text") as caught:
         only(folder).frames  # noqa: B018
     assert str(folder / PACKET) in str(caught.value)
     assert "copy it again" in str(caught.value)
@@ -258,7 +258,7 @@ def test_a_damaged_time_stamp_is_refused_by_line(tmp_path: Path, stamp: str) -> 
     folder = write_drive(tmp_path, frames=3)
     file = folder / "velodyne_points" / "timestamps.txt"
     file.write_text("\n".join(["2011-09-26 13:02:25.964389445", stamp, ""]), "latin-1")
-    with pytest.raises(UserError, match="line 2|is no text") as caught:
+    with pytest.raises(UserError, match=r"line 2|is no text") as caught:
         only(folder).time(0)
     assert str(file) in str(caught.value)
 

@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from envpred.errors import UserError
 from envpred.mapping.evidence import EvidenceParameters, accumulate, measured, pignistic, step
 from envpred.mapping.geometry import EGO, FREE, OCCUPIED, UNKNOWN
 
@@ -149,5 +150,5 @@ def test_a_step_refuses_what_does_not_fit(prior: tuple[int, ...], label: tuple[i
 @pytest.mark.parametrize("name", ["occupied", "free", "ego", "discount"])
 def test_masses_outside_0_to_1_are_refused(name: str) -> None:
     for value in (-0.1, 1.1, float("nan")):
-        with pytest.raises(ValueError, match=name):
+        with pytest.raises(UserError, match=name):
             EvidenceParameters(**{name: value})

@@ -5,18 +5,19 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from envpred.errors import UserError
 from envpred.mapping.geometry import GridSpec, heading_of, transform
 
 
 @pytest.mark.parametrize("cells", [0, 1, 127, -2])
 def test_a_grid_without_a_centre_cell_is_refused(cells: int) -> None:
-    with pytest.raises(ValueError, match="even number"):
+    with pytest.raises(UserError, match="even number"):
         GridSpec(cells)
 
 
 @pytest.mark.parametrize("resolution", [0.0, -1.0, float("nan")])
 def test_a_cell_without_a_side_is_refused(resolution: float) -> None:
-    with pytest.raises(ValueError, match="positive"):
+    with pytest.raises(UserError, match="above 0"):
         GridSpec(128, resolution)
 
 
