@@ -10,6 +10,7 @@ import torch
 from lightning.fabric.plugins import TorchCheckpointIO
 from lightning.pytorch import LightningModule, Trainer
 from lightning.pytorch.callbacks import ModelCheckpoint
+from lightning.pytorch.trainer.states import TrainerFn
 from lightning.pytorch.utilities import rank_zero_info
 
 from envpred.datamodules import GridDataModule
@@ -122,7 +123,7 @@ def read_checkpoint(file: Path, device: torch.device | str = "cpu") -> dict[str,
 
 
 def check_loops(checkpoint: Mapping[str, Any], trainer: Trainer) -> None:
-    """Refuse a checkpoint that does not tell how far a training came as `trainer` tells it.
+    """Refuse a checkpoint that does not tell how far a training came as `trainer` tells it, or came further than asked.
 
     Raises:
         UserError: naming what differs.
@@ -131,6 +132,13 @@ def check_loops(checkpoint: Mapping[str, Any], trainer: Trainer) -> None:
     differs = _unlike(checkpoint.get("loops"), {name: getattr(trainer, name).state_dict() for name in names}, "loops")
     if differs:
         raise UserError(f"the checkpoint does not tell how far it was trained ({differs}); give another checkpoint")
+    done, asked = checkpoint["epoch"] + 1, trainer.max_epochs  # it is saved at an epoch's end
+    resumes = trainer.state.fn == TrainerFn.FITTING and trainer.ckpt_path  # not so where weights alone are taken
+    if resumes and asked not in (None, -1) and done > asked:
+        raise UserError(
+            f"the checkpoint has been trained for {done} epochs, the command says {asked}; give it as many or more, or "
+            "start anew without --ckpt_path"
+        )
 
 
 def _unlike(theirs: Any, ours: Any, name: str) -> str | None:

@@ -213,3 +213,12 @@ def test_a_checkpoint_that_was_edited_is_refused(store: Path, last: Path, tmp_pa
     with pytest.raises(UserError, match=says) as refusal:
         run.fit(prednet(t1_epochs=2, t5_epochs=0), datamodule=grids(store), ckpt_path=tmp_path / "a.ckpt")
     assert "give" in str(refusal.value)
+
+
+def test_a_training_that_has_come_further_than_asked_is_not_gone_on_with(store: Path, tmp_path: Path) -> None:
+    longer = prednet(t1_epochs=2, t5_epochs=1)
+    trainer(tmp_path / "long").fit(longer, datamodule=grids(store))
+    last = tmp_path / "long" / "checkpoints" / "last.ckpt"
+    with pytest.raises(UserError, match="trained for 3 epochs, the command says 2; give it as many or more"):
+        trainer(tmp_path / "short").fit(prednet(t1_epochs=1, t5_epochs=1), datamodule=grids(store), ckpt_path=last)
+    trainer(tmp_path / "same").fit(prednet(t1_epochs=2, t5_epochs=1), datamodule=grids(store), ckpt_path=last)
