@@ -41,7 +41,8 @@ class RayCasting:
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
-            check_number(f"rays.{name}", value)
+            least = 0 if name == "nearest" else -100  # a margin may also make the box smaller than the body, or nothing
+            check_number(f"rays.{name}", value, least, 100)
 
     def label(
         self,

@@ -7,7 +7,6 @@ import torch
 from torch import Tensor
 
 from envpred.datamodules import Forecast, Needs, Role, Seen
-from envpred.errors import UserError
 from envpred.mapping.dogma import is_moving
 from envpred.mapping.ego_motion import extrapolate
 from envpred.mapping.shift import shifted_tensor
@@ -107,7 +106,8 @@ class MovedParticles(MovedLastFrame):
 
     The particle forecast alone knows nothing of what stands, and is judged as if that were free.  Here cells that the
     filter finds to move are taken out of the last frame, whose rest is moved as `MovedLastFrame` does, and the particle
-    forecast is put over it.
+    forecast is put over it.  That lies in the ego's future grids, whatever velocities are relative to: where that is
+    the ground, the filter takes the ego to go on as it did.
     """
 
     needs = Needs(arrays=("particle_forecast", "velocity", "velocity_cov"))
@@ -116,15 +116,6 @@ class MovedParticles(MovedLastFrame):
     @property
     def reachable(self) -> int:
         return self.dataset.shape_of("particle_forecast")[0]
-
-    def setup(self, stage: str) -> None:
-        super().setup(stage)
-        if self.dataset.velocity_frame() != "ego":
-            raise UserError(
-                f"{self.dataset.store}: its velocities are relative to the ground, so that its particle forecasts lie "
-                "in the last grid shown; give a store with velocities relative to the ego (`envpred grids "
-                "--particle_forecast all`)"
-            )
 
     def last(self, seen: Seen) -> Tensor:
         velocity, covariance = (seen["arrays"][name][:, -1].float() for name in ("velocity", "velocity_cov"))

@@ -174,7 +174,7 @@ def test_drive_that_cannot_be_opened_does_not_stop_the_others(source: Path, tmp_
     with pytest.raises(UserError) as failure:
         build(root, tmp_path / "grids", workers=1)
     packet, empty, summary = str(failure.value).splitlines()
-    assert "0000000003.txt: an OXTS packet has 30 numbers" in packet
+    assert "0000000003.txt: an OXTS packet is a line of 30 numbers, this one has 3 fields" in packet
     assert f"{NAMES[2]}: no frame has both a scan and a pose" in empty
     assert summary.startswith("2 of 3 drives failed")
     assert builds.all_valid(tmp_path / "grids") == [NAMES[1]]

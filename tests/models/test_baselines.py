@@ -56,12 +56,6 @@ def test_movers_are_carried_on_and_what_stands_is_moved() -> None:
     assert (first[7] == 0.25).all()
 
 
-def test_particles_relative_to_the_ground_are_refused(tmp_path: Path) -> None:
-    store = write_store(tmp_path / "grids", {name: list(range(12)) for name in "abc"}, dogma=True, frame="ground")
-    with pytest.raises(UserError, match=r"relative to the ground.*--particle_forecast all"):
-        trainer(tmp_path).test(MovedParticles(given=3), datamodule=grids(store), verbose=False)
-
-
 def test_moved_particles_are_tested_like_all_others(tmp_path: Path) -> None:
     store = write_store(tmp_path / "grids", {name: list(range(12)) for name in "abc"}, dogma=True)
     trainer(tmp_path).test(MovedParticles(given=3), datamodule=grids(store), verbose=False)
