@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
+import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -59,7 +60,9 @@ def save(picture: Figure | bytes, file: Path | str) -> Path:
         if isinstance(picture, bytes):
             part.write_bytes(picture)
         else:
-            picture.savefig(part, dpi=130)
+            # TrueType: journals refuse Type 3, which is what fonts of a PDF are by default.
+            with matplotlib.rc_context({"pdf.fonttype": 42, "ps.fonttype": 42}):
+                picture.savefig(part, dpi=130)
     return file
 
 

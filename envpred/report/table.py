@@ -4,6 +4,7 @@ import csv
 import html
 import io
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -18,10 +19,10 @@ LATEX_SPECIAL = {
         "↑": r"$\uparrow$",
         "↓": r"$\downarrow$",
         "–": "--",
-        "³": r"$^3$",
-        "⁻": r"$^-$",
     },
 }
+RAISED = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
+SUPERSCRIPTS = re.compile("([⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+)")
 
 
 @dataclass(frozen=True)
@@ -149,8 +150,11 @@ class Table:
 
 
 def latex_text(text: str) -> str:
-    """`text` with LaTeX's special characters written out."""
-    return "".join(LATEX_SPECIAL.get(character, character) for character in text)
+    """`text` with LaTeX's special characters written out, and superscripts, which may be several, as one."""
+    parts = SUPERSCRIPTS.split(text)
+    plain = ["".join(LATEX_SPECIAL.get(character, character) for character in part) for part in parts[::2]]
+    raised = [f"$^{{{part.translate(RAISED)}}}$" for part in parts[1::2]] + [""]
+    return "".join(part for pair in zip(plain, raised, strict=True) for part in pair)
 
 
 def _number(value: float | None) -> str:

@@ -112,6 +112,12 @@ def test_files(page: Path) -> None:
     assert {f"window_{n}.{ending}" for n in (0, 1) for ending in ("png", "gif")} <= names
 
 
+def test_fonts_are_embedded_as_journals_want_them(page: Path) -> None:
+    content = (page.parent / "error.pdf").read_bytes()
+    assert b"/FontFile2" in content  # TrueType
+    assert b"/Type3" not in content
+
+
 def _drawn_methods(run: Path) -> list[str]:
     (first, _) = compared_scenes(read_runs([run]))
     return list(first.forecasts)

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from envpred.report.table import Cell, Table
+from envpred.report.table import Cell, Table, latex_text
 
 TABLE = Table(
     "t",
@@ -54,3 +54,8 @@ def test_both_standard_errors() -> None:
         ["x", "", ""],
     ]
     assert r"1.2 $\pm$ 0.8 (0.5)" in table.latex()
+
+
+def test_superscripts_are_raised_together() -> None:
+    """Two of them beside each other, each in dollars of its own, are an error of LaTeX's."""
+    assert latex_text("10⁻³ m², a_b") == r"10$^{-3}$ m$^{2}$, a\_b"
