@@ -53,6 +53,9 @@ def test_standard_error_of_a_ratio_over_drives() -> None:
     above, below = np.array([[1.0], [2.0], [6.0], [3.0]]), np.array([[2.0], [2.0], [4.0], [4.0]])
     # Ratio 1; above - below sums to -1 and 1 over the drives: sqrt(2 * 2) / 4 windows / the mean 3 below.
     np.testing.assert_allclose(ratio_drive_errors(above, below, names([2, 2])), [2 / 12])
+    # A window in which one of the two is undefined counts in neither.
+    more, less = np.append(above, [[9.0]], axis=0), np.append(below, [[math.nan]], axis=0)
+    np.testing.assert_allclose(ratio_drive_errors(more, less, names([2, 3])), [2 / 12])
 
 
 @given(st.lists(st.integers(1, 4), min_size=2, max_size=6), st.integers(0, 2**32 - 1))
