@@ -21,15 +21,20 @@ def _record_user_errors(pytestconfig: pytest.Config) -> Iterator[None]:
         yield
 
 
-@pytest.fixture(scope="session")
-def shared() -> Path:
-    """The folder of real drives and reference arrays beside the checkout (or at $ENVPRED_SHARED)."""
+def shared_folder() -> Path:
+    """The folder of real drives and reference arrays beside the checkout (or at $ENVPRED_SHARED); skips without it."""
     folder = Path(os.environ.get("ENVPRED_SHARED", REPOSITORY.parent / "shared"))
     if not (folder / "kitti").is_dir():
         if os.environ.get("CI"):
             pytest.fail(f"{folder} is not there, and CI must not skip what needs it")
         pytest.skip(f"real drives and reference arrays are not at {folder}; set ENVPRED_SHARED to where they are")
     return folder
+
+
+@pytest.fixture(scope="session")
+def shared() -> Path:
+    """See `shared_folder`."""
+    return shared_folder()
 
 
 @pytest.fixture(scope="session")

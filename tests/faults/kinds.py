@@ -3,7 +3,6 @@
 import contextlib
 import io
 import json
-import os
 import shutil
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -47,6 +46,7 @@ from sweeps.study.space import read_space
 from sweeps.study.storage import open_storage
 from sweeps.study.trials import trials_csv
 from sweeps.study.worker import open_study
+from tests.conftest import shared_folder
 from tests.drives.synthetic import write_drive, write_sequence
 from tests.models.trainers import grids, prednet, trainer
 from tests.report.conftest import animation, draw_windows, written
@@ -245,7 +245,7 @@ def _read_checkpoint(folder: Path, random: Random) -> None:
 
 
 def _keras(folder: Path) -> None:
-    shutil.copy(Path(os.environ["ENVPRED_SHARED"]) / "reference" / "prednet_keras_c2.npz", folder / "weights.npz")
+    shutil.copy(shared_folder() / "reference" / "prednet_keras_c2.npz", folder / "weights.npz")
 
 
 def _initialise(file: Path, channels: list[int]) -> None:
