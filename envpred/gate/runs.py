@@ -22,6 +22,8 @@ class Model(Named):
     """The model of a result."""
 
     parameters: Count
+    hyperparameters: dict[str, Any]
+    trained: dict[str, Any] | None = None
     flops: Number | None = None
     untrained: bool = False
 

@@ -79,6 +79,10 @@ def simulate(
     day = out / DATE
     planned = [Planned(k, drive_name(k), list(range(frames))) for k in range(1, drives + 1)]
     todo = [drive for drive in planned if not (day / drive.name).exists()]
+    done = f"simulated {drives} drives of {frames} scans (seed {seed}) in {day}"
+    if not todo:
+        print(done)
+        return
     _check_disk(out, len(todo) * frames * _SCAN_BYTES)
     with _one_line_for_disk_errors(out), _alone(out):
         _check_folder(out, asked)
@@ -93,7 +97,7 @@ def simulate(
             run_jobs(job, todo, "simulating", workers, None)
         finally:
             _clear(day)  # what workers had begun when they were ended
-    print(f"simulated {drives} drives of {frames} scans (seed {seed}) in {day}")
+    print(done)
 
 
 def _check_folder(out: Path, asked: dict[str, object]) -> None:
