@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import envpred
-from envpred.errors import UserError, nearest
+from envpred.errors import UserError, nearest, printable
 
 PACKAGE = Path(envpred.__file__).parent
 # What ships, by its kind: where it lies beside or in the package, and which commands take it.
@@ -49,7 +49,9 @@ def find(name: str, kinds: Sequence[str], option: str = "--config", beside: Path
         return known[name]
     near = nearest(Path(name).stem, known)
     hint = f"did you mean {near}?" if near else f"there are {', '.join(known)}"
-    raise UserError(f"{option} {name}: no such file, and none of this name ships; {hint} (`envpred configs` lists all)")
+    raise UserError(
+        f"{option} {printable(name)}: no such file, and none of this name ships; {hint} (`envpred configs` lists all)"
+    )
 
 
 def configs() -> None:

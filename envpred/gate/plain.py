@@ -69,7 +69,8 @@ def conform(value: Any, schema: Any, file: Path | str, remedy: str) -> Any:
     """
     try:
         return msgspec.convert(value, schema)
-    except (msgspec.ValidationError, RecursionError, SystemError) as error:  # the last of 400 digits, up to 0.21
+    # SystemError: of 400 digits, up to 0.21; UnicodeError: of text that no file can hold, as a lone surrogate.
+    except (msgspec.ValidationError, RecursionError, SystemError, UnicodeError) as error:
         what, _, place = one_line(error).partition(" - at ")
         if " matching regex" in what:
             what = "holds signs that do not belong there"

@@ -167,17 +167,34 @@ class History(Struct):
             raise ValueError("best names a validation that is not there")
 
 
+class Training(Struct):
+    """What a checkpoint says of how its weights came about."""
+
+    data: dict[str, Any]
+    hyperparameters: dict[str, Any] = {}
+
+
 class Checkpoint(Struct):
     """What every checkpoint of a forecaster holds beside its weights."""
 
     state_dict: dict[str, Any]
     epoch: Count
     global_step: Count
-    lightning: Line = field(name="pytorch-lightning_version")
+    lightning: Annotated[str, Meta(pattern=r"\A\d{1,4}(\.\d{1,4}){0,3}[a-z0-9.+]{0,40}\Z")] = field(
+        name="pytorch-lightning_version"
+    )
     class_path: Line = ""
     forecaster: Line = ""
     hyper_parameters: dict[str, Any] = {}
     callbacks: dict[str, Any] = {}
+    trained: Training | None = None
+
+
+class Progress(Struct):
+    """What a checkpoint holds beside weights, from which a training goes on."""
+
+    optimizer_states: list[dict[str, Any]]
+    lr_schedulers: list[dict[str, Any]]
 
 
 # `drawn.npz`: K windows of N horizons, S frames shown.

@@ -17,7 +17,7 @@ from envpred.datamodules import GridDataModule
 from envpred.errors import UserError, short
 from envpred.gate import conform
 from envpred.gate.arrays import DAMAGED
-from envpred.gate.runs import Checkpoint
+from envpred.gate.runs import Checkpoint, Progress
 from envpred.models import checksums
 from envpred.store.files import replaced
 
@@ -81,11 +81,17 @@ def keep_own_files(trainer: Trainer) -> None:
         trainer.strategy.checkpoint_io = OwnFiles()
 
 
+BEST = {"best_model_path", "best_model_score"}  # what Lightning reads of a checkpoint's callbacks
+
+
 def trust_no_path(checkpoint: Mapping[str, Any], trainer: Trainer) -> None:
     """Let what a checkpoint says of other checkpoints' paths stand for files of their names beside it.
 
     Lightning removes what they name.  Where a run is resumed in its own folder, they are written as the trainer writes
     them, whatever folder the command is run in.
+
+    Raises:
+        UserError: if it does not say which was best where it should.
     """
     folder = Path(str(trainer.ckpt_path)).parent
     own = [str(c.dirpath) for c in trainer.checkpoint_callbacks if isinstance(c, ModelCheckpoint) and c.dirpath]
@@ -96,7 +102,9 @@ def trust_no_path(checkpoint: Mapping[str, Any], trainer: Trainer) -> None:
         return os.path.join(written, name) if name.endswith(ModelCheckpoint.FILE_EXTENSION) else ""
 
     for state in checkpoint.get("callbacks", {}).values():
-        if isinstance(state, dict) and "best_model_path" in state:
+        if isinstance(state, dict) and state.keys() & BEST:
+            if not state.keys() >= BEST or not isinstance(state.get("best_k_models", {}), dict):
+                raise UserError("the checkpoint does not tell which of its run was best; give another checkpoint")
             for name in ("best_model_path", "kth_best_model_path", "last_model_path"):
                 state[name] = beside(state.get(name, ""))
             best = {beside(path): score for path, score in dict(state.get("best_k_models", {})).items()}
@@ -134,6 +142,10 @@ def check_loops(checkpoint: Mapping[str, Any], trainer: Trainer) -> None:
         raise UserError(f"the checkpoint does not tell how far it was trained ({differs}); give another checkpoint")
     done, asked = checkpoint["epoch"] + 1, trainer.max_epochs  # it is saved at an epoch's end
     resumes = trainer.state.fn == TrainerFn.FITTING and trainer.ckpt_path  # not so where weights alone are taken
+    if resumes:
+        conform(
+            checkpoint, Progress, "the checkpoint", "give one that `envpred fit` wrote, or start anew from its weights"
+        )
     if resumes and asked not in (None, -1) and done > asked:
         raise UserError(
             f"the checkpoint has been trained for {done} epochs, the command says {asked}; give it as many or more, or "

@@ -12,6 +12,7 @@ stays as the configuration has it.
 """
 
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,7 +29,7 @@ from optuna.distributions import (
 
 from envpred.cli.arguments import FitArguments
 from envpred.cli.shipped import COMPLETE, find
-from envpred.errors import UserError, nearest
+from envpred.errors import UserError, nearest, one_line, printable, short
 from envpred.gate import conform, read_yaml
 from envpred.store import digest
 
@@ -196,7 +197,7 @@ def read_space(given: str | Path) -> Space:
         try:
             entries[str(name)] = _entry(str(name), text, list(entries))
         except ValueError as error:
-            raise UserError(f"{file}: {name}: {error}") from None
+            raise UserError(f"{file}: {printable(str(name))}: {one_line(error)}") from None
     return Space(file, config, entries)
 
 
@@ -241,7 +242,7 @@ def _dimension(name: str, text: Any) -> Dimension:
         return Dimension(name, CategoricalDistribution([encoded(choice) for choice in choices]))
     kind = text.get("type", "float")
     if not isinstance(kind, str) or kind not in NUMBERS:
-        raise ValueError(f"type {kind!r} is neither float nor int; give `choices` for everything else")
+        raise ValueError(f"type {short(kind)} is neither float nor int; give `choices` for everything else")
     if "low" not in text or "high" not in text:
         raise ValueError("needs `low` and `high`, or `choices`")
     low, high = (_number(text[end], NUMBERS[kind]) for end in ("low", "high"))
@@ -254,19 +255,22 @@ def _dimension(name: str, text: Any) -> Dimension:
 
 def _check_keys(text: Any) -> None:
     if not isinstance(text, dict):
-        raise ValueError(f"{text!r} is no range; give `low` and `high`, or `choices`")
+        raise ValueError(f"{short(text)} is no range; give `low` and `high`, or `choices`")
     for key in text:
         if key not in KEYS:
             near = nearest(str(key), KEYS)
-            raise ValueError(f"unknown key {key!r}" + (f"; did you mean {near}?" if near else f"; there are {KEYS}"))
+            hint = f"did you mean {near}?" if near else f"there are {KEYS}"
+            raise ValueError(f"unknown key {short(key)}; {hint}")
 
 
 def _number(value: Any, kind: type[Any]) -> Any:
     """A number; YAML takes 1e-4, without a point, for text."""
     try:
         number = float(value)
-    except (TypeError, ValueError):
-        raise ValueError(f"{value!r} is no number") from None
+    except (TypeError, ValueError, OverflowError):
+        raise ValueError(f"{short(value)} is no number") from None
+    if not math.isfinite(number):
+        raise ValueError(f"{short(value)} is no number that ends a range")
     if kind is int and number != int(number):
-        raise ValueError(f"{value!r} is no whole number")
+        raise ValueError(f"{short(value)} is no whole number")
     return kind(number)

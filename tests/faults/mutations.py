@@ -158,7 +158,7 @@ def _another(random: Random, value: Any, paths: Sequence[str]) -> Any:
     if isinstance(value, str) and kind == 3:
         return random.choice((value.upper(), value[:-1], value + "x", value[::-1], f" {value}", f"./{value}"))
     if isinstance(value, int | float) and not isinstance(value, bool) and kind <= 3:
-        return random.choice((value + 1, value - 1, -value, value * 1000, value / 7, str(value), [value], value * 2))
+        return random.choice((value + 1, value - 1, -value, value * 1000, value // 7, str(value), [value], value * 2))
     if isinstance(value, list) and kind <= 3:
         return random.choice((value[:-1], value[1:], value[::-1], value + value[:1], [value], value * 3))
     if isinstance(value, dict) and kind <= 2:

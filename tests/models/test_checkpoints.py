@@ -187,8 +187,15 @@ EDITS: dict[str, tuple[str, Callable[[dict[str, Any]], object]]] = {
     "no weight": ("weights are not those .* is ..,", lambda c: c["state_dict"].update({first(c): 3})),
     "loops of another": (r"how far it was trained \(loops\.fit_loop", lambda c: c["loops"]["fit_loop"].popitem()),
     "no loops": (r"how far it was trained \(loops\)", lambda c: c.update(loops=[])),
+    "no best": ("does not tell which of its run was best", lambda c: first_state(c).pop("best_model_path")),
     "no validations": ("validations of the checkpoint: best: Expected", lambda c: c["callbacks"].update(Validations=V)),
 }
+
+
+def first_state(checkpoint: dict[str, Any]) -> dict[str, Any]:
+    """The first state of a callback that keeps checkpoints."""
+    found: dict[str, Any] = next(s for s in checkpoint["callbacks"].values() if "best_model_path" in s)
+    return found
 
 
 def first(checkpoint: dict[str, Any]) -> str:
