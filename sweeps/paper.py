@@ -1,6 +1,6 @@
 """The paper's tables and figures, measured again, from drives to one page, as one command.
 
-    envpred paper --out paper/                                      # simulated drives, two cores, half an hour
+    envpred paper --out paper/                                      # simulated drives, two cores, 8 minutes
     envpred paper --out paper/ --source KITTI --preset small        # an evening on a GPU
     envpred paper --out paper/ --source KITTI --preset full --trials 40
 
@@ -51,7 +51,7 @@ def paper(
         fit: options of `envpred fit` that go to all that is trained.
         out: folder for grids, studies, runs and the page.
         source: folder with drives; the demo simulates its own.
-        preset: demo (two cores, half an hour), small (one GPU, an evening) or full (the paper's sizes).
+        preset: demo (two cores, ten minutes), small (one GPU, an evening) or full (the paper's sizes).
         trials: of each study that tunes a network beforehand; 0 takes the preset's hyperparameters.
         seeds: every network is trained with each of them.
         workers: runs at once, which share the processor's cores; small networks use one core best.
