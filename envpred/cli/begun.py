@@ -34,7 +34,7 @@ def own_folder(run: Path) -> Iterator[None]:
         except FileNotFoundError:  # removed at this moment, as it was empty
             continue
         except Timeout:
-            raise UserError(f"{run}: another process trains into it; wait for it, or leave --ckpt_path out") from None
+            raise UserError(f"{run}: another process trains into it; wait for it, or train anew") from None
         except (NotImplementedError, OSError):  # a file system without locks
             break
     try:

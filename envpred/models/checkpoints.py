@@ -149,7 +149,7 @@ def check_loops(checkpoint: Mapping[str, Any], trainer: Trainer) -> None:
     if resumes and asked not in (None, -1) and done > asked:
         raise UserError(
             f"the checkpoint has been trained for {done} epochs, the command says {asked}; give it as many or more, or "
-            "start anew without --ckpt_path"
+            "another checkpoint"
         )
 
 

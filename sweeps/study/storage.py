@@ -60,7 +60,7 @@ def open_storage(folder: Path, url: str | None) -> BaseStorage:
             except (ValueError, TypeError, LookupError, AttributeError, AssertionError) as error:
                 raise UserError(
                     f"{journal}: damaged, its lines do not tell a study ({one_line(error)}); get it from a backup, or "
-                    "give another --name to begin anew"
+                    "begin anew under another name"
                 ) from None
     try:
         options = {"pool_pre_ping": True}

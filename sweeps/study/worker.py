@@ -74,7 +74,9 @@ def check_identity(study: optuna.Study, identity: Mapping[str, str]) -> None:
     complete = study.get_trials(deepcopy=False, states=(TrialState.COMPLETE,))
     sound = isinstance(theirs, dict) and all(len(trial.values or ()) == 1 for trial in complete)
     if not sound or study.directions != [StudyDirection.MINIMIZE]:
-        raise UserError(f"the study {study.study_name} is damaged; get it from a backup, or give another --name")
+        raise UserError(
+            f"the study {study.study_name} is damaged; get it from a backup, or begin anew under another name"
+        )
     different = [what for what in identity if theirs.get(what) != identity[what]]
     if different:
         told = ", ".join(f"{what} ({theirs.get(what)} there, {identity[what]} here)" for what in different)

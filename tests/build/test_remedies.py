@@ -50,6 +50,11 @@ def flip(file: Path) -> None:
     file.write_bytes(data[:-1] + bytes([data[-1] ^ 1]))
 
 
+def into_a_folder(file: Path) -> None:
+    file.unlink()
+    file.mkdir()
+
+
 DAMAGE: dict[str, Callable[[Path], object]] = {
     "missing; delete": lambda drive: (drive / "label.npy").unlink(),
     "is not what its manifest says": lambda drive: np.save(drive / "label.npy", np.zeros(3)),
@@ -57,6 +62,7 @@ DAMAGE: dict[str, Callable[[Path], object]] = {
     "format 99": lambda drive: rewrite(drive / MANIFEST, format=99),
     "cannot be read as JSON": lambda drive: (drive / MANIFEST).write_text("{"),
     "manifest.json: missing": lambda drive: (drive / MANIFEST).unlink(),
+    "cannot be read .Is a directory": lambda drive: into_a_folder(drive / MANIFEST),
 }
 
 

@@ -9,7 +9,7 @@ from envpred.cli.shipped import COMPLETE, find, names
 from envpred.cli.signatures import Option
 from envpred.cli.tokens import plain
 from envpred.errors import UserError
-from tests.remedies import remedy
+from tests.remedies import refusal, remedy
 
 FLAG, LIST, NUMBERS, TEXT = (
     Option("force", "bool", "False", ""),
@@ -66,3 +66,9 @@ def test_what_does_not_ship_names_the_nearest(capsys: pytest.CaptureFixture[str]
 def test_every_name_stands_for_one_configuration() -> None:
     found = [name for kind in COMPLETE for name in names(kind)]
     assert len(found) == len(set(found)) > 15
+
+
+def test_a_configuration_that_is_no_text_is_one_line(tmp_path: Path) -> None:
+    (tmp_path / "picture.gif").write_bytes(b"\xff\xfe\x00\x80")
+    said = refusal(["grids", f"--config={tmp_path / 'picture.gif'}"])
+    assert said.startswith("a configuration names a file that holds none ('utf-8' codec can't decode")

@@ -164,7 +164,7 @@ def test_a_checkpoint_of_another_hand_is_loaded_with_a_note(tmp_path: Path, capl
     torch.save(content, tmp_path / "a.ckpt")
     torch.save(content, tmp_path / "b.ckpt", _use_new_zipfile_serialization=False)
     OwnFiles().save_checkpoint(content, tmp_path / "c.ckpt")
-    with caplog.at_level("INFO"):
+    with caplog.at_level("INFO", logger="lightning.pytorch"):
         for name in "abc":
             read_checkpoint(tmp_path / f"{name}.ckpt")
     assert [line.split("/")[-1] for line in caplog.messages] == [

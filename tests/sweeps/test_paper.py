@@ -10,7 +10,11 @@ from envpred.datamodules.variants import VARIANTS
 from envpred.report.paper import PAGE
 from envpred.results.result import RESULT
 from sweeps import paper as module
+from sweeps.runs.trial import TrialFailedError
+from sweeps.table.job import Job
 from sweeps.table.published import PRESETS, Preset, published_plan
+from tests.remedies import remedy
+from tests.store.stores import write_store
 
 
 def test_plan_is_the_papers_and_judges_the_same_windows() -> None:
@@ -49,6 +53,33 @@ def test_what_cannot_be_is_refused_before_anything_is_written(
         module.main(["--out", str(tmp_path / "out"), *given])
     assert re.search(told, capsys.readouterr().err)
     assert not (tmp_path / "out").exists()
+
+
+def test_a_preset_that_needs_drives_says_what_to_give(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        module.main(["--out", str(tmp_path / "out"), "--preset", "full"])
+    source, preset = remedy(capsys.readouterr().err)
+    module.main(["--out", str(tmp_path / "out"), *preset, "--dry_run"])
+    module.main(["--out", str(tmp_path / "out"), "--preset", "full", *source, str(tmp_path), "--dry_run"])
+    assert "are simulated" in capsys.readouterr().out
+
+
+def test_what_failed_is_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(job: Job) -> float:
+        raise TrialFailedError("diverged")
+
+    monkeypatch.setattr(Job, "do", fail)
+    for made in ("simulate", "grids"):
+        monkeypatch.setattr(module, made, lambda *_, **__: None)
+    names = {name: list(range(40)) for name in "abc"}
+    write_store(tmp_path / "grids", names, cells=64, dogma=True, context=128)
+    with pytest.raises(SystemExit):
+        module.main(["--out", str(tmp_path)])
+    said = capsys.readouterr().err
+    assert "prednet_dst_static_seed0: diverged" in said
+    assert "10 of 10 runs failed; run the command again" in said
 
 
 def test_dry_run_writes_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

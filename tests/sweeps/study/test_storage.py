@@ -44,7 +44,7 @@ def test_a_damaged_journal_is_one_line(tmp_path: Path, line: bytes) -> None:
     for lines in ([line], [line, *(tmp_path / JOURNAL).read_bytes().splitlines(True)[:1]]):
         with (tmp_path / JOURNAL).open("ab") as journal:
             journal.writelines(lines)
-        with pytest.raises(UserError, match=r"journal\.log: damaged, its lines do not tell a study \(.+\); .*--name"):
+        with pytest.raises(UserError, match=r"journal\.log: damaged, its lines .* \(.+\); .*under another name"):
             study_in(tmp_path)
 
 
