@@ -13,6 +13,7 @@ from lightning.pytorch.trainer.states import TrainerFn
 from lightning.pytorch.utilities.exceptions import SIGTERMException
 
 from envpred.interrupts import MESSAGE, Terminated, exit_code, heed, noted
+from envpred.models.checkpoints import read_checkpoint
 
 
 @contextmanager
@@ -46,9 +47,11 @@ def _line(trainer: Trainer) -> str:
     """What was saved, and how to go on."""
     if trainer.state.fn != TrainerFn.FITTING:
         return MESSAGE
-    done = f"envpred: interrupted after {trainer.current_epoch} of {trainer.max_epochs} epochs"
     kept = [Path(c.dirpath) for c in trainer.checkpoint_callbacks if isinstance(c, ModelCheckpoint) and c.dirpath]
     last = next((folder / "last.ckpt" for folder in kept if (folder / "last.ckpt").is_file()), None)
+    # The trainer counts an epoch after its checkpoint is saved, and may be interrupted between both.
+    epochs = trainer.current_epoch if last is None else int(read_checkpoint(last, "meta")["epoch"]) + 1
+    done = f"envpred: interrupted after {epochs} of {trainer.max_epochs} epochs"
     if last is None:
         return f"{done}, before the first checkpoint; run the same command again"
     return f"{done}; run the same command again with --ckpt_path {last} to go on"
