@@ -235,7 +235,7 @@ def test_an_interrupted_trial_is_run_again(tmp_path: Path) -> None:
 def test_a_study_without_one_error_a_trial_is_refused(tmp_path: Path) -> None:
     study, storage = opened(tmp_path)
     study.set_user_attr(IDENTITY, ["no", "identity"])
-    with pytest.raises(UserError, match=r"the study s is damaged; .*--name"):
+    with pytest.raises(UserError, match=r"the study s is damaged; .*under another name"):
         open_study(storage, "s", SAME, sampler("random", 0), pruner("none"))
 
 
