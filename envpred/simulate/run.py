@@ -14,7 +14,7 @@ import numpy as np
 from filelock import FileLock, Timeout
 
 from envpred.build.jobs import run_jobs, say
-from envpred.errors import UserError
+from envpred.errors import UserError, printable
 from envpred.gate import read_json
 from envpred.gate.stores import Asked
 from envpred.simulate import scene as scenes
@@ -109,7 +109,9 @@ def _check_folder(out: Path, asked: dict[str, object]) -> None:
     told = read_json(out / ASKED, Asked, "give another folder")
     if told != asked:
         differs = [
-            f"{name} {told.get(name)} there, {value} asked" for name, value in asked.items() if told.get(name) != value
+            f"{name} {printable(str(told.get(name)))} there, {value} asked"
+            for name, value in asked.items()
+            if told.get(name) != value
         ]
         raise UserError(f"{out}: its drives were simulated otherwise ({', '.join(differs)}); give another folder")
 

@@ -268,7 +268,8 @@ class Chains:
 
 def unfinished(work: Path) -> Iterator[Path]:
     """Files and folders that are being written, or that nobody finished: they are hidden, and no marks that stay."""
-    return (path for path in work.rglob(".*") if not is_mark(path))
+    found = (Path(folder, name) for folder, folders, files in os.walk(work) for name in [*folders, *files])
+    return (path for path in found if path.name.startswith(".") and not is_mark(path))
 
 
 def is_mark(path: Path) -> bool:
