@@ -29,7 +29,7 @@ from envpred.interrupts import noted
 from envpred.results.result import short_name
 from envpred.store import digest
 from envpred.store.files import replace_text
-from envpred.store.parts import sweep
+from envpred.store.parts import sweep_below
 
 from .runs.cluster import on_cluster
 from .runs.command import command_line, run, say
@@ -127,8 +127,7 @@ def tune(
             with noted(later=True):  # the study's journal is locked now and then
                 Worker(study, kept, trials, objective, grace, max_failures, say=say).work()
         place = hidden(storage) if storage else str(folder / JOURNAL)
-        for left in [part.parent for part in (folder / "trials").rglob(".part-*")]:
-            sweep(left)  # a trial that was killed is run again in a folder of its own
+        sweep_below(folder / "trials")  # a trial that was killed is run again in a folder of its own
         say(f"best of {trials}: {write_best(study, base, identity, place, folder)}")
         replace_text(folder / TRIALS, trials_csv(study))
         draw(study, folder)

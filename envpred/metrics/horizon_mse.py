@@ -39,7 +39,7 @@ class HorizonMSE(HorizonMetric):
         return horizon_mse(forecast, target)
 
 
-class MassMSE(HorizonMetric):
+class MassMSE(HorizonMSE):
     """Mean squared error against the mass of occupied, which counts what is unknown as free; undefined if not told.
 
     The particle filter forecasts this mass, and the errors that Itkina et al. 2019 print of it are near what it scores
@@ -55,11 +55,6 @@ class MassMSE(HorizonMetric):
 
     name = "mse_occupied_mass"
     title = "MSE against the mass of occupied"
-    unit = "× 10⁻³"
-    digits = 1
-    factor = 1e3
-    direction = "lower"
-    higher_is_better = False
     skip_undefined = True
     rewards = "Rewards forecasts that take the unknown for free, as the particle filter's do."
 

@@ -15,6 +15,7 @@ from envpred.report.ratios import moved_ratio_table, ratio_table
 from envpred.report.run import Run
 from envpred.report.runs import read_runs
 from envpred.report.seeds import average_seeds, seeds_table
+from envpred.report.table import write_tables
 from envpred.report.tables import comparisons, methods_table, published_table, variants_table
 from envpred.results.scenes import Scene
 from envpred.store.files import replace_text
@@ -70,9 +71,7 @@ def report(
         figures["reliability"] = ("Reliability", reliability)
 
     out.mkdir(parents=True, exist_ok=True)
-    for table in (*measured, *published, *appendix):
-        for ending, text in (("md", table.markdown()), ("csv", table.csv()), ("tex", table.latex())):
-            replace_text(out / f"{table.name}.{ending}", text)
+    write_tables([*measured, *published, *appendix], out)
     curves = {}
     for name, (heading, figure) in figures.items():
         save(figure, out / f"{name}.pdf")

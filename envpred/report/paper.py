@@ -6,11 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from envpred.horizons import in_seconds
 from envpred.metrics.horizon_mse import MassMSE
 from envpred.pictures.forecasts import Camera, scene_strip
 from envpred.pictures.grids import save
-from envpred.report.contrasts import AGAINST_STATIC, EVIDENCE, VELOCITIES, planned
+from envpred.report.contrasts import AGAINST_STATIC, EVIDENCE, VELOCITIES
 from envpred.report.curves import error_curves
 from envpred.report.details import comparisons_table, metric_tables, models_table
 from envpred.report.page import Picture, document, measured_data, section
@@ -19,20 +18,21 @@ from envpred.report.ratios import ratio_table
 from envpred.report.run import Run
 from envpred.report.runs import read_runs
 from envpred.report.seeds import average_seeds, seeds_table
-from envpred.report.statistics import Comparison, Contrast, compare
-from envpred.report.table import Cell, Table
+from envpred.report.statistics import Comparison, Contrast
+from envpred.report.table import Cell, Table, write_tables
 from envpred.report.tables import (
     FACTOR,
     PREDNET,
     UNIT,
+    comparisons,
     few_drives_note,
+    heads,
     measured_on,
-    methods,
     methods_table,
     published_table,
-    shown_columns,
     variants_table,
 )
+from envpred.store.files import replace_text
 
 PAGE = "paper.html"
 AGAINST_FCN = "better than the FCN?"
@@ -52,8 +52,8 @@ FIGURES = {
 
 
 def contrasts(runs: Sequence[Run]) -> list[Contrast]:
-    """What the paper's results compare, and the planned comparisons among the other methods."""
-    found = planned(runs)
+    """What the paper's results compare beside what every report does."""
+    found = []
     ours = [run.label for run in runs if run.name == PREDNET]
     for question, others in (
         (AGAINST_FCN, [run.label for run in runs if run.name == "fcn"]),
@@ -77,8 +77,8 @@ def conclusions_table(runs: Sequence[Run], compared: Sequence[Comparison]) -> Ta
         "that the paper reports, and the test over drives, corrected for all planned comparisons, refuses equality; "
         f"contrary: the other sign, likewise; open: neither.{few_drives_note(runs[0])}"
     )
-    heads = [in_seconds(runs[0].horizon_s[h]) for h in shown_columns(runs[0])]
-    return Table("conclusions", "The paper's conclusions", caption, ["conclusion", "difference", *heads], rows)
+    titles = ["conclusion", "difference", *heads(runs[0])]
+    return Table("conclusions", "The paper's conclusions", caption, titles, rows)
 
 
 def _told(found: Comparison, sign: int) -> Cell:
@@ -111,9 +111,7 @@ def paper_page(
     """
     read = read_runs(results)
     runs = average_seeds(read)
-    values = methods(runs)
-    told = {label: measured.per_window for label, measured in values.items() if measured.per_window is not None}
-    compared = compare(told, runs[0].drives, contrasts(runs), shown_columns(runs[0]))
+    compared = comparisons(runs, contrasts(runs))
     tables = {
         "ours": variants_table(runs, compared),
         "published": published_table(),
@@ -126,10 +124,7 @@ def paper_page(
         "models": models_table(read, out),
     }
     out.mkdir(parents=True, exist_ok=True)
-    for table in tables.values():
-        if table is not None:
-            for ending, text in (("md", table.markdown()), ("csv", table.csv()), ("tex", table.latex())):
-                (out / f"{table.name}.{ending}").write_text(text)
+    write_tables([table for table in tables.values() if table is not None], out)
     curves = error_curves(runs)
     save(curves, out / "error.pdf")
     parts = ["<h2>Measured on</h2>", measured_data(runs[0]), *(f"<p>{html.escape(text)}</p>" for text in about)]
@@ -145,8 +140,8 @@ def paper_page(
             parts += [f"<h2>{heading}</h2>", Picture.read(file, caption).html()]
     parts += ["<h2>All methods</h2>", *(_table(tables[name]) for name in ("methods", "mass", "ratios", "seeds"))]
     parts += ["<h2>Details</h2>", *(_table(tables[name]) for name in ("comparisons", "models"))]
-    (out / PAGE).write_text(document("Dynamic environment prediction: the paper's results, measured again", parts))
-    return out / PAGE
+    page = document("Dynamic environment prediction: the paper's results, measured again", parts)
+    return replace_text(out / PAGE, page)
 
 
 _ERROR = (

@@ -5,8 +5,11 @@ import html
 import io
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+
+from envpred.store.files import replace_text
 
 MISSING = "–"
 LATEX_SPECIAL = {
@@ -147,6 +150,13 @@ class Table:
             f'<div class="wide"><table id="{html.escape(self.name)}"><thead><tr>{head}</tr></thead>\n'
             f"<tbody>\n{rows}\n</tbody></table></div>\n<p class='caption'>{html.escape(self.caption)}</p>"
         )
+
+
+def write_tables(tables: Iterable[Table], out: Path) -> None:
+    """Write tables into the folder `out`, each as Markdown, CSV and LaTeX."""
+    for table in tables:
+        for ending, text in (("md", table.markdown()), ("csv", table.csv()), ("tex", table.latex())):
+            replace_text(out / f"{table.name}.{ending}", text)
 
 
 def latex_text(text: str) -> str:

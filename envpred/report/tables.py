@@ -11,7 +11,7 @@ from envpred.metrics.about import About
 from envpred.report.contrasts import AGAINST_STATIC, planned
 from envpred.report.published import SOURCE, STATIC, table_1
 from envpred.report.run import Measured, Run
-from envpred.report.statistics import LEAST_DRIVES, LEVEL, Comparison, compare
+from envpred.report.statistics import LEAST_DRIVES, LEVEL, Comparison, Contrast, compare
 from envpred.report.table import Cell, Table
 
 UNIT, FACTOR = "× 10⁻³", 1e3  # in which squared errors are written, ours and the paper's
@@ -87,11 +87,11 @@ def measured_cell(measured: Measured, h: int) -> Cell:
     return Cell(value=value, error=error, drive_error=drive, digits=about.digits)
 
 
-def comparisons(runs: Sequence[Run]) -> list[Comparison]:
-    """The planned contrasts among the runs and the static baseline, at the shown horizons."""
+def comparisons(runs: Sequence[Run], more: Sequence[Contrast] = ()) -> list[Comparison]:
+    """The planned contrasts among the runs and the static baseline, and `more`, at the shown horizons."""
     values = methods(runs)
     told = {label: measured.per_window for label, measured in values.items() if measured.per_window is not None}
-    contrasts = [c for c in planned(runs) if c.first in told and c.second in told]
+    contrasts = [c for c in (*planned(runs), *more) if c.first in told and c.second in told]
     return compare(told, runs[0].drives, contrasts, shown_columns(runs[0])) if runs else []
 
 

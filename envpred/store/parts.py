@@ -82,6 +82,12 @@ def sweep(folder: Path, name: str = "*") -> None:
                 mark.unlink()
 
 
+def sweep_below(folder: Path) -> None:
+    """`sweep` every folder below `folder` in which a writer left something."""
+    for place in {part.parent for part in folder.rglob(f"{_PART}*")}:
+        sweep(place)
+
+
 @contextmanager
 def alone(folder: Path) -> Iterator[None]:
     """Nobody else replaces files of `folder` together meanwhile, unless the file system has no locks."""

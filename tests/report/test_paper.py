@@ -11,8 +11,8 @@ from envpred.models import FCNForecaster, LastFrame, MovedLastFrame, ParticleFor
 from envpred.report.paper import AGAINST_FCN, AGAINST_PARTICLE, CLAIMS, conclusions_table, contrasts, paper_page
 from envpred.report.run import Run
 from envpred.report.runs import read_runs
-from envpred.report.statistics import Comparison, compare
-from envpred.report.tables import methods, shown_columns
+from envpred.report.statistics import Comparison
+from envpred.report.tables import comparisons
 from tests.report.conftest import draw_windows
 
 MakeRun = Callable[..., Path]
@@ -32,13 +32,12 @@ def results(make_run: MakeRun) -> list[Path]:
 
 
 def compared(runs: list[Run]) -> list[Comparison]:
-    told = {k: m.per_window for k, m in methods(runs).items() if m.per_window is not None}
-    return compare(told, runs[0].drives, contrasts(runs), shown_columns(runs[0]))
+    return comparisons(runs, contrasts(runs))
 
 
 def test_every_claim_of_the_paper_is_asked(results: list[Path]) -> None:
     runs = read_runs(results)
-    questions = {c.question for c in contrasts(runs)}
+    questions = {c.contrast.question for c in compared(runs)}
     assert questions >= set(CLAIMS)
     fcn = [c.second for c in contrasts(runs) if c.question == AGAINST_FCN]
     assert fcn == ["fcn (prob_dogma)"] * 4
