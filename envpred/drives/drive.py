@@ -105,7 +105,7 @@ class Drive(ABC):
 
         A gap is a number that is missing, or stamps that differ from the period by more than half of it.
         """
-        late = [is_gap(step, self.period) for step in np.diff(self.times)]
+        late = np.array([is_gap(step, self.period) for step in np.diff(self.times)], bool)  # also of a single frame
         breaks = np.flatnonzero((np.diff(self.frames) != self.stride) | late) + 1
         edges = [0, *breaks.tolist(), len(self.frames)]
         return [(a, b - a) for a, b in itertools.pairwise(edges) if b > a]

@@ -92,7 +92,7 @@ class PredNet(nn.Module):
         """
         layers = sum(name.startswith("ahat_") and name.endswith("/bias") for name in arrays)
         try:
-            network = cls([len(arrays[f"ahat_{layer}/bias"]) for layer in range(layers)], **options)  # type: ignore[arg-type]
+            network = cls([arrays[f"ahat_{layer}/bias"].size for layer in range(layers)], **options)  # type: ignore[arg-type]
             for layer in range(layers):
                 _copy_keras(network.gates[layer], [f"{gate}_{layer}" for gate in KERAS_GATES], arrays)
                 _copy_keras(network.predict[layer], [f"ahat_{layer}"], arrays)
@@ -228,6 +228,9 @@ def _convolutions(sizes: Sequence[tuple[int, int]]) -> Sequence[nn.Conv2d]:
 
 
 def _copy_keras(convolution: nn.Conv2d, names: Sequence[str], arrays: Mapping[str, NDArray[np.floating]]) -> None:
+    for name in names:
+        if (shapes := (np.ndim(arrays[f"{name}/kernel"]), np.ndim(arrays[f"{name}/bias"]))) != (4, 1):
+            raise ValueError(f"the arrays of {name} have {shapes[0]} and {shapes[1]} axes, not 4 and 1")
     kernel = np.concatenate([arrays[f"{name}/kernel"] for name in names], axis=3).transpose(3, 2, 0, 1)
     bias = np.concatenate([arrays[f"{name}/bias"] for name in names])
     for parameter, array in ((convolution.weight, kernel), (cast(Tensor, convolution.bias), bias)):

@@ -46,6 +46,7 @@ def test_a_missing_number_or_a_long_step_is_a_gap() -> None:
     stamps = {0: 0.0, 1: 0.1, 2: 0.2, 4: 0.4, 5: 0.5, 6: 0.66, 7: 0.76}
     assert Stamped(stamps).stretches() == [(0, 3), (3, 2), (5, 2)]
     assert Stamped({**stamps, 6: 0.6, 7: 0.64}).stretches() == [(0, 3), (3, 3), (6, 1)]  # too short a step
+    assert Stamped({4: 0.0}).stretches() == [(0, 1)]
 
 
 def test_time_that_stands_still_is_one_line() -> None:

@@ -184,3 +184,5 @@ def test_refuses_what_does_not_fit(keras: Arrays) -> None:
         PredNet.from_keras({name: array for name, array in keras.items() if name != "f_1/kernel"})
     with pytest.raises(ValueError, match=r"a_0 have shape \(8, 4, 3, 2\), not \(8, 4, 3, 3\)"):
         PredNet.from_keras(keras | {"a_0/kernel": keras["a_0/kernel"][:, :2]})
+    with pytest.raises(ValueError, match=r"arrays of ahat_0 have 4 and 2 axes"):
+        PredNet.from_keras(keras | {"ahat_0/bias": keras["ahat_0/bias"][None]})
