@@ -162,8 +162,9 @@ class Correction(nn.Module):
         local: Tensor = Cut.apply(features, corner, n)  # type: ignore[no-untyped-call]
         local = local.permute(0, 2, 3, 1).flatten(1, 2)
         seen = torch.baddbmm(self.spread(spread)[:, None], local, self.project[which].transpose(1, 2))
-        x = functional.relu(self.enter(inputs) + seen.view(len(rendered), n, n, -1).permute(0, 3, 1, 2))
-        pull, shift = self.leave(functional.relu(self.middle(x))).float().unbind(1)
+        x = self.enter(inputs) + seen.view(len(rendered), n, n, -1).permute(0, 3, 1, 2)
+        x = functional.relu(self.middle(functional.relu(x, inplace=True)), inplace=True)
+        pull, shift = self.leave(x).float().unbind(1)
         here = torch.stack([known[:, i : i + n, j : j + n] for i, j in corner])
         forecast = logit[:, 0].float()
         return torch.sigmoid(forecast + pull * here[:, 0] * (4 * here[:, 1] - forecast) + shift)
@@ -186,9 +187,9 @@ class WorldCorrection(nn.Module):
         super().__init__()
         self.trunk = Trunk(context_channels(given), width, fine)
         self.project = nn.Parameter(torch.randn(horizons, head, fine) / fine**0.5)
-        self.enter = nn.Conv2d(1, head, 1)
-        self.middle = nn.Conv2d(head, head, 1)
-        self.leave = nn.Conv2d(head, 1, 1)
+        self.enter = nn.Linear(1, head)
+        self.middle = nn.Linear(head, head)
+        self.leave = nn.Linear(head, 1)
         for parameter in self.leave.parameters():
             nn.init.zeros_(parameter)
 
@@ -201,30 +202,20 @@ class WorldCorrection(nn.Module):
             corner: first cell of `hit` among the channels.
             trust: factor on the shifts.
         """
-        N, rows, columns = hit.shape
         features = self.trunk(channels[None].contiguous(memory_format=torch.channels_last))[0]
-        local = features[:, corner[0] : corner[0] + rows, corner[1] : corner[1] + columns].permute(1, 2, 0)
-        if torch.is_grad_enabled():
-            return self._head(local, hit, self.project[:N], trust)
-        # One horizon at a time, which stays in the processor's cache, and only where its world is filled in.
-        corrected = torch.zeros_like(hit)
-        for out, grid, project in zip(corrected, hit, self.project, strict=False):
-            i, j = (torch.nonzero(grid.amax(axis)).squeeze(1) for axis in (1, 0))
-            if len(i):
-                box = slice(int(i[0]), int(i[-1]) + 1), slice(int(j[0]), int(j[-1]) + 1)
-                out[box] = self._head(local[box], grid[box][None], project[None], trust)[0]
-        return corrected
+        rows, columns = hit.shape[1:]
+        window = features[:, corner[0] : corner[0] + rows, corner[1] : corner[1] + columns]
+        local = window.permute(1, 2, 0).flatten(0, 1)
+        # One horizon at a time, which stays in the processor's cache.
+        corrected = [self._head(local, h, p, trust) for h, p in zip(hit.flatten(1), self.project, strict=False)]
+        return torch.stack(corrected).view_as(hit)
 
     def _head(self, local: Tensor, hit: Tensor, project: Tensor, trust: float) -> Tensor:
-        N, rows, columns = hit.shape
-        seen = (
-            torch.matmul(local.reshape(-1, local.shape[-1]), project.transpose(1, 2))
-            .view(N, rows, columns, -1)
-            .permute(0, 3, 1, 2)
-        )
-        inputs = 0.25 * torch.logit(hit, LEAST)[:, None]
-        x = functional.relu(self.enter(inputs) + seen)
-        shift = trust * self.leave(functional.relu(self.middle(x))).float()[:, 0].clamp(-8, 8)
+        """Chances (M,) of a hit in cells that have the features `local` (M, fine) and were given the chances `hit`."""
+        logit = 0.25 * torch.logit(hit, LEAST)
+        x = torch.addmm(self.enter.bias, local, project).addcmul_(logit[:, None], self.enter.weight[:, 0])
+        x = functional.relu(self.middle(functional.relu(x, inplace=True)), inplace=True)
+        shift = trust * self.leave(x).float()[:, 0].clamp(-8, 8)
         odds = hit * shift.exp()
-        corrected: Tensor = odds / (1 - hit + odds)
-        return corrected
+        chances: Tensor = odds / (1 - hit + odds)
+        return chances

@@ -55,7 +55,7 @@ def test_a_corrected_world_starts_as_it_was_and_shifts_its_odds() -> None:
     channels, hit = torch.rand(context_channels(3), 32, 48), torch.rand(4, 20, 30)
     hit[:, :2] = torch.tensor([0.0, 1.0]).repeat(15)
     torch.testing.assert_close(network(channels, hit, (5, 9)), hit)
-    torch.nn.init.ones_(network.leave.bias)  # type: ignore[arg-type]
+    torch.nn.init.ones_(network.leave.bias)
     found = network(channels, hit, (5, 9), trust=0.5)
     inner = slice(2, None)
     odds = hit[:, inner] / (1 - hit[:, inner])
@@ -75,7 +75,7 @@ def test_a_corrected_world_looks_at_the_place_of_its_cells() -> None:
 
 
 def test_a_world_is_corrected_alike_with_and_without_gradients() -> None:
-    """Without, horizon by horizon, and only in the box that is filled in; one of them is empty."""
+    """One of the horizons has no cell that may be hit."""
     torch.manual_seed(0)
     network = WorldCorrection(given=3, horizons=3, width=8, fine=8, head=8)
     torch.nn.init.normal_(network.leave.weight)
@@ -83,6 +83,6 @@ def test_a_world_is_corrected_alike_with_and_without_gradients() -> None:
     hit[0, 3:9, 5:22], hit[1, :, 29] = torch.rand(6, 17), torch.rand(20)
     whole = network(channels, hit, (5, 9))
     with torch.no_grad():
-        boxes = network(channels, hit, (5, 9))
-    torch.testing.assert_close(boxes, whole)
+        again = network(channels, hit, (5, 9))
+    torch.testing.assert_close(again, whole)
     assert (whole[0] - hit[0]).abs().max() > 0.05
