@@ -12,7 +12,7 @@ KITTI ?=
 N ?= 20
 BIN := $(VENV)/bin
 
-.PHONY: install test slow faults messages oldest lint bench paper demo clean
+.PHONY: install test slow faults messages oldest lint docs bench paper demo clean
 
 install: $(VENV)/.installed
 
@@ -50,6 +50,10 @@ lint: install
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
 
+# The pages, in docs/_build/html; a warning is an error.
+docs: install
+	$(BIN)/sphinx-build -q -W --keep-going -b html docs docs/_build/html
+
 bench: install
 	$(BIN)/pip install --quiet --constraint constraints.txt --editable '.[bench]'
 	$(BIN)/python -m benchmarks.mapping
@@ -65,4 +69,4 @@ demo: install
 	PATH="$(abspath $(BIN)):$$PATH" DEMO="$(DEMO)" KITTI="$(KITTI)" bash demo.sh
 
 clean:
-	rm -rf $(VENV) $(OLDEST) .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	rm -rf $(VENV) $(OLDEST) docs/_build .mypy_cache .ruff_cache .pytest_cache .hypothesis

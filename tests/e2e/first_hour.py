@@ -2,8 +2,9 @@
 
     python -m tests.e2e.first_hour FOLDER [--installed BIN]
 
-The README's commands are read from it and run in its order; trainings are cut short, by options that the transcript
-shows.  Without --installed, a wheel is built and installed with all that it needs into FOLDER/environment.
+The commands of the README and of the pages are read from them and run in their order; trainings are cut short, by
+options that the transcript shows.  Without --installed, a wheel is built and installed with all that it needs into
+FOLDER/environment.
 """
 
 import argparse
@@ -21,12 +22,17 @@ from pathlib import Path
 from tests.drives.synthetic import motion, scans, write_sequence
 
 REPOSITORY = Path(__file__).resolve().parents[2]
-SHORT = {  # what is added to the README's commands, by what they begin with
+SHORT = {  # what is added to commands, by what they begin with
     "envpred fit --config prednet_small": "--data.samples 20 --model.t1_epochs 1 --model.t5_epochs 1",
     "envpred fit --config studies": "--data.samples 20",
     "envpred fit --config corrected_rollout": "--data.samples 4 --model.max_epochs 1",
     "envpred tune": "--trials 3 --space prednet_schedule --data.samples 10 --model.t1_epochs 1 --model.t5_epochs 1",
 }
+SECTIONS = (
+    ("README.md", "Forecast your own drives"),
+    ("docs/forecast.md", "Forecast your drives"),
+    ("docs/sweeps.md", "Tune and ablate"),
+)
 LIMIT_SECONDS = 900
 
 
@@ -80,9 +86,11 @@ def as_seen(output: bytes) -> str:
     return "\n".join(line for line in lines if line)
 
 
-def commands_of(section: str) -> Iterator[str]:
-    """The commands of the blocks of a section of the README, cut short where they train."""
-    text = (REPOSITORY / "README.md").read_text().split(f"## {section}\n")[1].split("\n## ")[0]
+def commands_of(page: str, section: str) -> Iterator[str]:
+    """The commands of the blocks of a section of a page, cut short where they train."""
+    text = (REPOSITORY / page).read_text(encoding="utf-8")
+    _, text = re.split(rf"^#+ {re.escape(section)}$", text, maxsplit=1, flags=re.MULTILINE)
+    text = re.split(r"^#+ ", text, maxsplit=1, flags=re.MULTILINE)[0]
     for block in re.findall(r"```\n(.*?)```", text, re.DOTALL):
         for line in block.replace("\\\n", "").splitlines():
             command = " ".join(line.split("  #")[0].replace("KITTI_ROOT", "drives").split())
@@ -100,12 +108,13 @@ def first_hour(folder: Path, installed: Path | None = None) -> Hour:
         _install(hour, folder)
     _look_around(hour)
     hour.run("envpred simulate drives --drives 4 --frames 60 --seed 0")
-    for command in commands_of("Forecast your own drives"):
-        hour.run(command)
+    for page, section in SECTIONS[:2]:
+        for command in commands_of(page, section):
+            hour.run(command)
     hour.run("tensorboard --logdir runs/fit --inspect --tag val/mse")
     _forecast(hour)
     hour.run("envpred grids --store grids/ --dogma")
-    for command in commands_of("Tune and ablate"):
+    for command in commands_of(*SECTIONS[2]):
         hour.run(command)
     _bring_ones_own(hour)
     return hour

@@ -4,15 +4,16 @@ from pathlib import Path
 
 import pytest
 
-from tests.e2e.first_hour import as_seen, commands_of, first_hour
+from tests.e2e.first_hour import SECTIONS, as_seen, commands_of, first_hour
 
 
-def test_the_readmes_commands_are_found_and_cut_short() -> None:
-    found = list(commands_of("Forecast your own drives"))
-    assert found[0] == "envpred grids --source drives --store grids/"
-    assert [command.split()[1] for command in found] == ["grids", "fit", "test", "test", "report"]
-    assert "--data.samples 20" in found[1]
-    tune, fit, ablate = commands_of("Tune and ablate")
+def test_the_commands_of_the_pages_are_found_and_cut_short() -> None:
+    readme, forecast, sweeps = (list(commands_of(*section)) for section in SECTIONS)
+    assert readme[0] == "envpred grids --config rollout --source drives --store grids/"
+    assert [command.split()[1] for command in readme] == ["grids", "test", "test", "report"]
+    assert [command.split()[1] for command in forecast] == ["grids", "fit", "test", "test", "report"]
+    assert "--data.samples 20" in forecast[1]
+    tune, fit, ablate = sweeps
     assert "--trials 3" in tune
     assert fit.startswith("envpred fit --config studies/prednet_dst_dogma/best.yaml --data.samples")
     assert ablate.endswith("--dry_run")

@@ -22,12 +22,15 @@ FLAGS = [
 ]
 
 # What the page tells about itself once it has loaded.
-PROBE = """<script>window.addEventListener("load", () => {
+PROBE = """<script>const errors = [];
+window.addEventListener("error", e => errors.push(e.message));
+window.addEventListener("load", () => {
   const seen = {
     images: [...document.images].map(i => [i.alt, i.complete, i.naturalWidth]),
     headings: [...document.querySelectorAll("h1,h2,h3")].map(h => h.innerText),
     empty: [...document.querySelectorAll("td,th,dd,figcaption")].filter(e => !e.textContent.trim()).length,
     wide: document.documentElement.scrollWidth - document.documentElement.clientWidth,
+    errors: errors,
     loaded: performance.getEntriesByType("resource").map(r => r.name).filter(n => !n.startsWith("data:")),
   };
   const out = document.createElement("script");
@@ -36,13 +39,21 @@ PROBE = """<script>window.addEventListener("load", () => {
 });</script>"""
 
 
-def browse(page: Path, profile: Path) -> dict[str, Any]:
-    """What `page` shows in a headless browser."""
+def browse(page: Path, profile: Path, width: int = 1280) -> dict[str, Any]:
+    """What `page` shows in a headless browser whose window is so wide."""
     assert BROWSER is not None
     probed = page.with_name("probed.html")
-    probed.write_text(page.read_text().replace("</body>", f"{PROBE}</body>"))
+    probed.write_text(re.sub(r"(<head[^>]*>)", lambda head: head[1] + PROBE, page.read_text(), count=1))
     done = subprocess.run(
-        [BROWSER, *FLAGS, f"--user-data-dir={profile}", "--virtual-time-budget=5000", "--dump-dom", probed.as_uri()],
+        [
+            BROWSER,
+            *FLAGS,
+            f"--user-data-dir={profile}",
+            f"--window-size={width},900",
+            "--virtual-time-budget=5000",
+            "--dump-dom",
+            probed.as_uri(),
+        ],
         check=True,
         capture_output=True,
         text=True,
