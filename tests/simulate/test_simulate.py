@@ -208,17 +208,24 @@ def test_another_seed_is_another_ego_elsewhere(drives: list[KittiDrive], tmp_pat
 
 
 def test_figures_of_simulated_drives_are_those_of_real_ones(drives: list[KittiDrive]) -> None:
-    table = realism(drives[0].folder.parent, drives[0].folder.parent)
-    assert len(table.splitlines()) == 13
+    """Drives beside themselves: none lies outside, and the distance is none."""
+    day = drives[0].folder.parent
+    lines = realism(day, day).splitlines()
     got = figures(drives[0])
-    assert sum(got.shares) == pytest.approx(1)
-    assert np.isnan(got.static).all()  # too short for a window
-    assert 0.02 < got.shares[1] < 0.2
+    assert len(lines) == 1 + len(got) + DRIVES
+    assert sum(got[f"share {name}"] for name in ("unknown", "occupied", "free", "ego")) == pytest.approx(1)
+    assert np.isnan(got["static, MSE x 1e-3, 0.1 s"])  # too short for a window
+    assert 0.02 < got["share occupied"] < 0.2
+    row = next(line for line in lines if line.startswith("points a scan"))
+    assert float(row.split()[-1]) == 0
+    assert any("*" in line for line in lines)  # of three drives the least lies below what 5 % of them lie below
 
 
 def test_the_figures_of_the_real_drives_are_the_published_ones(kitti: Path) -> None:
     got = figures(KittiDrive(kitti / "2011_09_26" / "2011_09_26_drive_0013_sync"))
-    assert got.points == pytest.approx(122_037, rel=1e-3)
-    assert got.obstacles == pytest.approx(35_009, rel=0.02)
-    assert got.shares == pytest.approx((0.4103, 0.0699, 0.5155, 0.0043), abs=0.01)
-    assert got.static == pytest.approx((32.43, 52.92, 62.62, 68.64), rel=0.02)
+    assert got["points a scan"] == pytest.approx(122_037, rel=1e-3)
+    assert got["left after ground removal"] == pytest.approx(35_009, rel=0.02)
+    shares = [got[f"share {name}"] for name in ("unknown", "occupied", "free", "ego")]
+    assert shares == pytest.approx((0.4103, 0.0699, 0.5155, 0.0043), abs=0.01)
+    static = [got[f"static, MSE x 1e-3, {seconds} s"] for seconds in ("0.1", "0.5", "1.0", "1.5")]
+    assert static == pytest.approx((32.43, 52.92, 62.62, 68.64), rel=0.02)
