@@ -156,12 +156,25 @@ def handled(handler: Callable[[int, FrameType | None], object]) -> Iterator[None
         yield
         return
     before = {number: signal.getsignal(number) for number in SIGNALS}
+    if None in before.values():  # of a program around Python, which Python could not give back
+        yield
+        return
     _give(handler)
     try:
         yield
     finally:
         for number, other in before.items():
             signal.signal(number, other)
+
+
+@contextmanager
+def held() -> Iterator[None]:
+    """Let a signal that comes meanwhile come at the end: for a short step that must not be left half done."""
+    came: list[int] = []
+    with handled(lambda number, _: came.append(number)):
+        yield
+    if came:
+        signal.raise_signal(came[0])
 
 
 def _give(handler: Callable[[int, FrameType | None], object]) -> None:

@@ -23,7 +23,7 @@ ALLOWED: dict[str, set[str]] = {
     "networks": {"errors"},
     "metrics": {"mapping.geometry", "compiled", "errors"},
     "mapping": {"compiled", "errors"},
-    "store": {"mapping.geometry", "gate", "errors", "__version__"},
+    "store": {"mapping.geometry", "interrupts", "gate", "errors", "__version__"},
     "drives": {"mapping.geometry", "mapping.period", "gate", "errors"},
     "build": {"drives", "mapping", "store", "interrupts", "errors"},
     "datamodules": {"mapping", "store", "horizons", "errors"},

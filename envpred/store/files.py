@@ -68,8 +68,8 @@ def replaced(file: Path) -> Iterator[Path]:
     """
     sweep(file.parent, file.name)
     part = begin(file)
-    new = part.folder / f"new{file.suffix}"
-    try:
+    try:  # nothing comes between: a signal here would leave the part
+        new = part.folder / f"new{file.suffix}"
         yield new
         with new.open("rb") as written:
             os.fsync(written.fileno())

@@ -14,6 +14,8 @@ from pathlib import Path
 
 from filelock import FileLock, Timeout
 
+from envpred.interrupts import held
+
 MARK = ".envpred"  # in a folder that is being written, locked by its writer
 LOCK = ".lock"  # in a folder whose files are replaced together
 SILENCE = 24 * 3600.0  # seconds that no writer is silent for
@@ -29,15 +31,17 @@ class Part:
 
     def publish(self, target: Path) -> None:
         """Move it to `target`, which must not exist or be an empty folder."""
-        os.rename(self.folder, target)
-        (target / MARK).unlink()  # not before: who looks for the mark meanwhile would make one, and lock that
-        self.lock.release()
+        with held():
+            os.rename(self.folder, target)
+            (target / MARK).unlink()  # not before: who looks for the mark meanwhile would make one, and lock that
+            self.lock.release()
 
     def discard(self) -> None:
         """Remove it, if it is still there."""
-        with contextlib.suppress(OSError):
-            _remove(self.folder)
-        self.lock.release()
+        with held():
+            with contextlib.suppress(OSError):
+                _remove(self.folder)
+            self.lock.release()
 
 
 def begin(target: Path) -> Part:
@@ -47,6 +51,19 @@ def begin(target: Path) -> Part:
         OSError: if there is no folder for it, which is not made: a worker that cannot see a store must not make one of
             its own; or if nothing can be written there.
     """
+    part = None
+    try:
+        with held():  # until it can be discarded
+            part = _begin(target)
+    except BaseException:
+        if part is not None:
+            part.discard()
+        raise
+    return part
+
+
+def _begin(target: Path) -> Part:
+    """A new folder that is marked and locked."""
     while True:
         folder = target.with_name(f"{_PART}{target.name}-{platform.node()}-{secrets.token_hex(4)}")
         folder.mkdir()

@@ -11,8 +11,10 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from filelock import FileLock
 
 from envpred.store import DriveWriter, Store, sweep
+from envpred.store import parts as module
 from envpred.store.files import replaced, write_json
 from envpred.store.parts import MARK, begin
 from tests.store.small import label, write
@@ -100,6 +102,40 @@ def test_a_live_part_of_this_process_stays(store: Path) -> None:
     with DriveWriter(store, "b", "mapping", "k", {}):
         sweep(store)
         assert len(parts(store)) == 1
+
+
+@pytest.mark.parametrize(
+    ("place", "step", "left"),
+    [(FileLock, "acquire", set()), (module, "_remove", {"store.json"})],
+    ids=["begun", "discarded"],
+)
+def test_a_signal_while_a_part_comes_or_goes_leaves_none(
+    place: object, step: str, left: set[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    original = getattr(place, step)
+
+    def pressed(*arguments: object) -> object:
+        signal.raise_signal(signal.SIGINT)
+        return original(*arguments)
+
+    monkeypatch.setattr(place, step, pressed)
+    with pytest.raises(KeyboardInterrupt):
+        write_json(tmp_path / "store.json", {})
+    assert {file.name for file in tmp_path.iterdir()} == left
+
+
+def test_a_signal_while_a_drive_is_published_leaves_it_unmarked(store: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    rename = os.rename
+
+    def pressed(*arguments: Path) -> None:
+        rename(*arguments)
+        signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr(os, "rename", pressed)
+    with pytest.raises(KeyboardInterrupt):
+        write(store, "b")
+    assert not list(store.glob(f"*/{MARK}"))
+    Store(store).drives["b"].verify()
 
 
 def test_sweep_removes_what_nobody_writes_any_more(store: Path) -> None:
