@@ -56,6 +56,8 @@ def ablation(
         workers: runs at once, which share the processor's cores; small networks use one core best.
         dry_run: print the plan with an estimate of time, and end.
     """
+    if workers < 1:
+        raise UserError(f"--workers {workers}: give at least 1")
     if not names_configuration(fit):
         fit = [f"--config={DEFAULT}", *fit]
     best = {v: tuned / f"prednet_{v}" / BEST for v in variants if tuned and (tuned / f"prednet_{v}" / BEST).is_file()}
@@ -66,8 +68,6 @@ def ablation(
     for key in folders:
         dynamic = any("--data.variant=" + v in run.options for run in plan for v in VARIANTS if "dogma" in v)
         stores.check(key, store, source, dynamic)
-    if workers < 1:
-        raise UserError(f"--workers {workers}: give at least 1")
     with told(out):
         jobs = [Job.of(run, folders[run.store], out / "runs") for run in plan]
         missing = [key for key, folder in folders.items() if not stores.is_whole(key, folder, store)]

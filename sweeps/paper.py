@@ -70,15 +70,17 @@ def paper(
     say(f"grids:  of all drives in {drives}, with velocities and a wide grid, in {store}")
     if trials:
         say(f"tuning: {trials} trials each of {', '.join(STUDIES)}")
+    jobs = _jobs(size, fit, {}, seeds, store, out)  # what is wrong with an option is said before an hour's work
     if dry_run:
-        for run in published_plan(size, fit, {}, seeds):
-            say(f"{'train and test' if run.trains else 'test'}: {run.name}")
+        for job in jobs:
+            say(f"{'train and test' if job.run.trains else 'test'}: {job.run.name}")
         return
     if source is None:
         simulate(drives, drives=size.drives, frames=size.frames)
     grids(store, drives, context=CONTEXT, particle_forecast=["all"])
-    tuned = {name: _tuned(name, size, fit, store, out, trials, workers) for name in STUDIES} if trials else {}
-    jobs = [Job.of(run, store, out / "runs") for run in published_plan(size, fit, tuned, seeds)]
+    if trials:
+        tuned = {name: _tuned(name, size, fit, store, out, trials, workers) for name in STUDIES}
+        jobs = _jobs(size, fit, tuned, seeds, store, out)
     todo = [job for job in jobs if not job.is_done()]
     times = show_plan(jobs, todo, [], store, workers)
     with noted():
@@ -99,6 +101,10 @@ def about(preset: str, trials: int, source: Path | None) -> list[str]:
         "The seven drives that the paper tested on are not known by name, so no number here is of its windows: compare "
         "ratios and signs, not levels.",
     ]
+
+
+def _jobs(size: Preset, fit: list[str], tuned: dict[str, str], seeds: list[int], store: Path, out: Path) -> list[Job]:
+    return [Job.of(run, store, out / "runs") for run in published_plan(size, fit, tuned, seeds)]
 
 
 def _tuned(name: str, size: Preset, fit: list[str], store: Path, out: Path, trials: int, workers: int) -> str:

@@ -91,6 +91,8 @@ def tune(
     options = [*_configs(read, fit), *fit, f"--data.variant={variant}", f"--data.store={store}"]
     base = FitArguments(options)
     read.check(base)
+    if cluster is None:
+        base.check_devices()
     model = short_name(base.base["model"]["class_path"].rsplit(".", 1)[1])
     name = name or f"{model}_{variant}"
     folder = out / name

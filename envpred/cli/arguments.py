@@ -8,7 +8,7 @@ from typing import Any
 
 import yaml
 
-from envpred.cli.lightning import EnvpredCLI, as_parsed, lightning
+from envpred.cli.lightning import EnvpredCLI, as_parsed, check_accelerator, lightning
 from envpred.errors import UserError, nearest
 from envpred.store.files import flat
 
@@ -65,6 +65,14 @@ class FitArguments:
         config = self.parser.parse_args(as_parsed([*as_options(defaults or {}), *self.args, *as_options(arguments)]))
         plain: dict[str, Any] = yaml.safe_load(self.parser.dump(config, skip_unset=False))
         return {name: value for name, value in plain.items() if name not in RUN}
+
+    def check_devices(self) -> None:
+        """Refuse runs that would not find their devices on this machine.
+
+        Raises:
+            UserError: as `envpred fit` would refuse them.
+        """
+        check_accelerator(self.base["trainer"]["accelerator"])
 
     def check_names(self, names: Iterable[str], where: str) -> None:
         """Refuse a name that `envpred fit` does not take with this model.

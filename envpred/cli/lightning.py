@@ -130,11 +130,7 @@ class EnvpredCLI(LightningCLI):
 
     def instantiate_trainer(self, **kwargs: Any) -> Trainer:
         """The trainer; what Lightning says of its options in several ways is a user's mistake, in one line."""
-        accelerator = self._options.trainer.accelerator
-        if accelerator in ("gpu", "cuda") and not torch.cuda.is_available():
-            raise UserError(
-                f"--trainer.accelerator {accelerator}: torch finds no GPU here; give --trainer.accelerator auto"
-            )
+        check_accelerator(self._options.trainer.accelerator)
         try:
             return super().instantiate_trainer(**kwargs)
         except (MisconfigurationException, ModuleNotFoundError, TypeError, ValueError) as error:
@@ -222,6 +218,16 @@ class EnvpredCLI(LightningCLI):
                 if (run / name).is_file():
                     return run / name
         raise UserError(f"{place}: no run with a checkpoint {wanted[0]}; run `envpred fit` first, or give its path")
+
+
+def check_accelerator(name: object) -> None:
+    """Refuse a GPU where torch finds none, before anything is read that it would work on.
+
+    Raises:
+        UserError: naming what takes what there is.
+    """
+    if name in ("gpu", "cuda") and not torch.cuda.is_available():
+        raise UserError(f"--trainer.accelerator {name}: torch finds no GPU here; give --trainer.accelerator auto")
 
 
 def _written(folder: Path) -> int:

@@ -39,9 +39,11 @@ class Job:
         """The job of `run` on the grids in `store`, in a folder below `runs` that its configuration names.
 
         Raises:
-            UserError: as `envpred fit` would refuse its options.
+            UserError: as `envpred fit` would refuse its options, or if it would not find its devices here.
         """
-        config = FitArguments([*run.options, f"--data.store={store}"]).complete({}, DEFAULTS)
+        fit = FitArguments([*run.options, f"--data.store={store}"])
+        fit.check_devices()
+        config = fit.complete({}, DEFAULTS)
         data = {name: value for name, value in config["data"].items() if name != "store"}
         return cls(run, config, runs / f"{run.name}-{digest({**config, 'data': data, 'store': run.store})[:8]}")
 
