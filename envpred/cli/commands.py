@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from envpred.build.grids import build
-from envpred.drives import one_drive
+from envpred.drives import one_drive, one_frame
 from envpred.errors import UserError
 from envpred.interrupts import ends_at_once
 from envpred.mapping.evidence import EvidenceParameters
@@ -117,10 +117,9 @@ def ground(source: Path, out: Path, drive: str | None = None, frame: int | None 
     """
     from envpred.pictures import grids as pictures
 
+    pictures.check_picture(out)
     chosen = one_drive(source, drive)
-    if frame is not None and frame not in chosen.frames:
-        raise UserError(f"{chosen.name} has no frame {frame}; it has {chosen.frames[0]} to {chosen.frames[-1]}")
-    points = chosen.scan(chosen.frames[0] if frame is None else frame)
+    points = chosen.scan(one_frame(chosen, frame))
     methods: dict[str, GroundSegmenter] = {"MRF": MarkovRandomField(), "RANSAC": RansacPlane()}
     reach, height = GridSpec().reach, chosen.sensor_height
     verdicts = {name: method.obstacles(points, reach, height) for name, method in methods.items()}
@@ -139,6 +138,7 @@ def show(store: Path, out: Path, drive: str | None = None, frame: int = 0, conte
     """
     from envpred.pictures import grids as pictures
 
+    pictures.check_picture(out, or_animation=True)
     chosen = _stored_drive(store, drive, frame)
     labels, mass = (chosen.array(f"context_{name}" if context else name) for name in ("label", "evidence"))
     if out.suffix == ".gif":
@@ -160,6 +160,7 @@ def velocity(store: Path, out: Path, drive: str | None = None, frame: int = 0) -
     from envpred.pictures import grids as pictures
     from envpred.pictures import velocities
 
+    pictures.check_picture(out, or_animation=True)
     chosen = _stored_drive(store, drive, frame)
     if out.suffix == ".gif":
         print(pictures.save(velocities.of_drive(chosen), out))

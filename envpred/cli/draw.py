@@ -9,7 +9,7 @@ from envpred.errors import UserError
 from envpred.horizons import in_seconds
 from envpred.pictures.animations import scene_animation
 from envpred.pictures.forecasts import Camera, scene_strip
-from envpred.pictures.grids import check_ending, save
+from envpred.pictures.grids import check_picture, save
 from envpred.report.pictures import drawn_scenes
 from envpred.report.runs import found_in, read_run
 from envpred.results.predictions import Predictions
@@ -52,7 +52,7 @@ def draw(
     Raises:
         UserError: if no folder holds forecasts, or one lacks the window, or was forecast from other grids.
     """
-    check_ending(out)
+    check_picture(out, or_animation=True)
     grids = Store(store) if store is not None else None
     remedy = "name what `envpred predict` wrote, or a run of `envpred test` that drew some windows"
     methods = found_in(folders, lambda folder: _opened(folder, grids), "forecasts", remedy)

@@ -5,6 +5,6 @@ other packages join by entry points (see `finding`).
 """
 
 from envpred.drives.drive import Drive
-from envpred.drives.finding import find_drives, one_drive
+from envpred.drives.finding import find_drives, one_drive, one_frame
 
-__all__ = ["Drive", "find_drives", "one_drive"]
+__all__ = ["Drive", "find_drives", "one_drive", "one_frame"]

@@ -77,6 +77,17 @@ def one_drive(root: Path | str, name: str | None = None) -> Drive:
     return found[name or next(iter(found))]
 
 
+def one_frame(drive: Drive, number: int | None = None) -> int:
+    """The frame of that number of a drive; without a number the first.
+
+    Raises:
+        UserError: if the drive lacks it.
+    """
+    if number is not None and number not in drive.frames:
+        raise UserError(f"{drive.name} has no frame {number}; it has {drive.frames[0]} to {drive.frames[-1]}")
+    return drive.frames[0] if number is None else number
+
+
 def readers() -> Iterator[Find]:
     """The functions that find drives.
 

@@ -24,7 +24,7 @@ from tqdm import tqdm
 from envpred.errors import UserError
 from envpred.mapping.evidence import pignistic
 from envpred.mapping.geometry import EGO, FREE, OCCUPIED, UNKNOWN
-from envpred.store.files import replaced
+from envpred.store.files import check_place, replaced
 
 Grid = NDArray[np.floating] | NDArray[np.uint8]
 
@@ -41,20 +41,23 @@ def figure(width: float, height: float, layout: Literal["constrained"] | None = 
     return fig
 
 
-def check_ending(file: Path) -> None:
-    """Refuse a name whose ending tells no format that can be written.
+def check_picture(file: Path, or_animation: bool = False) -> None:
+    """Refuse a picture (`or_animation`) that could not be written, before anything is read or drawn for it.
 
     Raises:
-        UserError: naming some that do.
+        UserError: naming endings that tell a format, or what is in the way of the file.
     """
-    if file.suffix.lstrip(".") not in {*FigureCanvasAgg.get_supported_filetypes(), "gif"}:
-        raise UserError(f"{file}: no picture that can be written; end its name on .png, .pdf, .svg or .gif")
+    endings = {*FigureCanvasAgg.get_supported_filetypes()} - {"gif"} | ({"gif"} if or_animation else set())
+    if file.suffix.lstrip(".") not in endings:
+        told = ".png, .pdf, .svg or .gif" if or_animation else ".png, .pdf or .svg"
+        raise UserError(f"{file}: no picture that can be written; end its name on {told}")
+    check_place(file)
 
 
 def save(picture: Figure | bytes, file: Path | str) -> Path:
     """Write a figure to `file`, whose ending decides the format, or the bytes of an animation; whole or not at all."""
     file = Path(file)
-    check_ending(file)
+    check_picture(file, isinstance(picture, bytes))
     file.parent.mkdir(parents=True, exist_ok=True)
     with replaced(file) as part:
         if isinstance(picture, bytes):

@@ -37,9 +37,11 @@ def record(out: Path, seconds: float = 300.0, seed: int = 1) -> None:
         seed: of streets and trips.
     """
     from envpred.simulate.record import record as run_sumo
+    from envpred.store.files import check_place
 
     if out.exists():
         raise UserError(f"{out} is there already: give another name, or remove it")
+    check_place(out)
     run_sumo(out, seconds, seed)
     print(out)
 
@@ -56,24 +58,25 @@ def realism(simulated: Path, real: Path) -> None:
     print(table(simulated, real))
 
 
-def scan(source: Path, out: Path, drive: str | None = None, frame: int = 0) -> None:
+def scan(source: Path, out: Path, drive: str | None = None, frame: int | None = None) -> None:
     """Draw a scan of a simulated drive, coloured by the true class of every point.
 
     Args:
         source: folder with simulated drives.
         out: picture to write; its ending decides the format.
         drive: name of the drive; by default the first.
-        frame: frame number.
+        frame: frame number; by default the drive's first.
     """
-    from envpred.drives import one_drive
+    from envpred.drives import one_drive, one_frame
     from envpred.drives.kitti import KittiDrive
     from envpred.pictures import grids as pictures
     from envpred.simulate.pictures import scan_picture
 
+    pictures.check_picture(out)
     chosen = one_drive(source, drive)
     if not isinstance(chosen, KittiDrive):
         raise UserError(f"{chosen.name}: no simulated drive; give a folder that `envpred simulate` wrote")
-    print(pictures.save(scan_picture(chosen.folder, frame), out))
+    print(pictures.save(scan_picture(chosen.folder, one_frame(chosen, frame)), out))
 
 
 def traffic(out: Path, town: int = 0, second: float = 60.0, recording: Path | None = None) -> None:
@@ -90,6 +93,7 @@ def traffic(out: Path, town: int = 0, second: float = 60.0, recording: Path | No
     from envpred.simulate.run import builtin_recording
     from envpred.simulate.traffic import Recording
 
+    pictures.check_picture(out)
     found = Recording.load(recording or builtin_recording())
     if not 0 <= town < len(found.networks):
         raise UserError(f"--town {town}: the recording has {len(found.networks)} towns, counted from 0")

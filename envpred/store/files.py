@@ -49,6 +49,20 @@ def inside(folder: Path, name: object, source: Path) -> Path:
     return file
 
 
+def check_place(file: Path) -> None:
+    """Refuse a file that could not be written, before there is work to lose; folders of it may still lack.
+
+    Raises:
+        UserError: naming what is in the way.
+    """
+    if file.is_dir():
+        raise UserError(f"{file}: is a folder; name a file in it")
+    there = next(place for place in file.absolute().parents if os.path.exists(place))
+    if not (there.is_dir() and os.access(there, os.W_OK | os.X_OK)):
+        reason = "is a folder that cannot be written" if there.is_dir() else "is no folder"
+        raise UserError(f"{file}: cannot be written, as {there} {reason}; name another place")
+
+
 def checksum(file: Path, start: int = 0, stop: int | None = None) -> int:
     """The CRC-32 of the bytes of `file` from `start` to `stop`; read, not mapped, whose pages would stay in memory."""
     found, left = 0, (file.stat().st_size if stop is None else stop) - start
