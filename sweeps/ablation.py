@@ -12,7 +12,7 @@ from pathlib import Path
 
 from envpred.cli.arguments import names_configuration
 from envpred.datamodules.variants import VARIANTS
-from envpred.errors import UserError
+from envpred.errors import UserError, check_number
 from envpred.interrupts import noted
 from envpred.report import report
 from envpred.store.files import replace_text
@@ -56,8 +56,7 @@ def ablation(
         workers: runs at once, which share the processor's cores; small networks use one core best.
         dry_run: print the plan with an estimate of time, and end.
     """
-    if workers < 1:
-        raise UserError(f"--workers {workers}: give at least 1")
+    check_number("workers", workers, 1)
     if not names_configuration(fit):
         fit = [f"--config={DEFAULT}", *fit]
     best = {v: tuned / f"prednet_{v}" / BEST for v in variants if tuned and (tuned / f"prednet_{v}" / BEST).is_file()}

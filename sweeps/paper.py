@@ -17,7 +17,7 @@ from envpred.cli.commands import grids, ground, velocity
 from envpred.cli.draw import camera_of
 from envpred.datamodules import GridDataModule
 from envpred.datamodules.variants import VARIANTS
-from envpred.errors import UserError
+from envpred.errors import UserError, check_number
 from envpred.interrupts import noted
 from envpred.report.paper import paper_page
 from envpred.simulate.commands import simulate
@@ -28,6 +28,7 @@ from .runs.command import say
 from .study.best import BEST
 from .table.execute import execute, show_plan
 from .table.job import Job
+from .table.plan import check_seeds
 from .table.published import FCN_VARIANT, PRESETS, Preset, published_plan
 from .tune import tune
 
@@ -60,10 +61,9 @@ def paper(
     size = PRESETS[preset]
     if source is None and not size.drives:
         raise UserError(f"--preset {preset} trains on drives of yours; give their folder as --source, or --preset demo")
-    if workers < 1 or trials < 0:
-        raise UserError(f"--workers {workers} --trials {trials}: give at least 1 and 0")
-    if not seeds or len(set(seeds)) < len(seeds):
-        raise UserError(f"--seeds {seeds}: give different numbers, at least one")
+    check_number("workers", workers, 1)
+    check_number("trials", trials)
+    check_seeds(seeds)
     drives, store = source or out / "drives", out / "grids"
     if source is None:
         say(f"drives: {size.drives} of {size.frames} frames are simulated in {drives}")

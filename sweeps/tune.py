@@ -24,7 +24,7 @@ import optuna
 
 from envpred.cli.arguments import FitArguments, names_configuration
 from envpred.datamodules import GridDataModule
-from envpred.errors import UserError
+from envpred.errors import UserError, check_number
 from envpred.interrupts import noted
 from envpred.results.result import short_name
 from envpred.store import digest
@@ -85,8 +85,11 @@ def tune(
         workers: trials at once on this machine, which share its cores and devices; small networks use one core best.
         cluster: address of a Dask scheduler; each of its workers joins the study, and this command waits.
     """
-    if workers < 1:
-        raise UserError(f"--workers {workers}: give at least 1")
+    check_number("trials", trials, 1)
+    check_number("seed", seed, 0, 2**32 - 1)
+    check_number("grace", grace, above=True)
+    check_number("max_failures", max_failures, 1)
+    check_number("workers", workers, 1)
     read = read_space(space)
     options = [*_configs(read, fit), *fit, f"--data.variant={variant}", f"--data.store={store}"]
     base = FitArguments(options)

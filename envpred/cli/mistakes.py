@@ -63,8 +63,10 @@ def explained(message: str, command: str) -> str:
 
 def _other(found: re.Match[str], command: str) -> str:
     token = found[1].split()[0].split("=")[0]
-    kind = "option" if token.startswith("-") else "argument"
-    hint = meant(token.lstrip("-"), known(command), "--") or _listed(command)
+    kind, name = "option" if token.startswith("-") else "argument", token.lstrip("-")
+    if command in COMMANDS and name == (COMMANDS[command].positional or ("",))[0]:
+        return f"there is no option {token}; give its value alone, as `envpred {command} --help` shows"
+    hint = meant(name, known(command), "--") or _listed(command)
     return f"there is no {kind} {token}{hint}"
 
 

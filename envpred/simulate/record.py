@@ -8,7 +8,7 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
-from envpred.errors import UserError
+from envpred.errors import UserError, check_number
 from envpred.simulate.streets import TOWNS, Town, write_network
 from envpred.simulate.traffic import KINDS, LANES, Network, Recording, Track
 
@@ -31,16 +31,19 @@ _TYPES = (
 def record(path: Path, seconds: float = 300.0, seed: int = 1, towns: tuple[Town, ...] = TOWNS) -> None:
     """Lets SUMO run `seconds` of traffic in each town and writes the recording to `path` (npz).
 
-    Needs the extra `sim` (eclipse-sumo, libsumo, sumolib); raises UserError without it.
+    Needs the extra `sim` (eclipse-sumo, libsumo, sumolib).
+
+    Raises:
+        UserError: without it, or if nothing could come of the numbers.
     """
+    check_number("seconds", seconds, 10)  # less is too short for a drive
+    check_number("seed", seed, 0, 2**31 - 1 - len(towns))  # each town has its own
     try:
         import libsumo
         import sumo
         import sumolib
     except ImportError as error:
         raise UserError(f"recording traffic needs SUMO ({error}): pip install 'envpred[sim]'") from error
-    if seconds < 10:
-        raise UserError(f"a recording of {seconds:g} s is too short for a drive: ask for at least 10 s")
     networks = []
     with tempfile.TemporaryDirectory() as folder:
         for k, town in enumerate(towns):

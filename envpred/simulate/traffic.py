@@ -106,6 +106,7 @@ class Recording:
             table = [(t.kind, t.length, t.width, t.heading) for t in network.tracks]
             arrays[f"{k}/track_table"] = np.array(table, np.float32).reshape(-1, 4)
             arrays |= _pack(f"{k}/track", [t.places for t in network.tracks])
+        path.parent.mkdir(parents=True, exist_ok=True)
         with replaced(path) as part, part.open("wb") as file:
             np.savez_compressed(file, allow_pickle=False, **arrays)
 

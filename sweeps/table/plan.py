@@ -7,7 +7,7 @@ from typing import Any
 
 from envpred.cli.arguments import FitArguments, as_options, split_arguments
 from envpred.datamodules.variants import VARIANTS
-from envpred.errors import UserError
+from envpred.errors import UserError, check_number
 
 from ..runs.command import FIXED
 from .rollouts import ROLLOUT, ROWS, UNCHANGED, Row
@@ -151,8 +151,7 @@ def make_plan(
         unknown = [name for name in given if name not in known]
         if unknown or len(set(given)) < len(given):
             raise UserError(f"--{what} {given}: {unknown or 'named twice'}; there are {', '.join(known)}")
-    if not seeds or len(set(seeds)) < len(seeds):
-        raise UserError(f"--seeds {seeds}: give different numbers, at least one")
+    check_seeds(seeds)
     base = ["--model=envpred.models.PredNetForecaster", *fit]
     config = FitArguments([*base, "--data.store=."]).base  # the store is not read here
     judged = _judged(fit, config)
@@ -203,6 +202,18 @@ def _kinds(base: list[str], judged: list[str], tuned: Path | None) -> list[tuple
     if tuned is not None:
         found.append(("tuned", [f"--config={tuned}", *judged]))
     return found
+
+
+def check_seeds(seeds: list[int]) -> None:
+    """Refuse seeds of which one could not be a run's, or is there twice, or none at all.
+
+    Raises:
+        UserError: naming them.
+    """
+    for seed in seeds:
+        check_number("seeds", seed, 0, 2**32 - 1)
+    if not seeds or len(set(seeds)) < len(seeds):
+        raise UserError(f"--seeds {seeds}: give different numbers, at least one")
 
 
 def seeded(variant: str, seed: int) -> tuple[str, ...]:

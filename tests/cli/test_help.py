@@ -76,6 +76,10 @@ PREDNET = ["fit", "--data.store=x", "--model=PredNetForecaster"]
     [
         (["gird"], "there is no command gird; did you mean grids?"),
         (["frobnicate"], "there is no command frobnicate; `envpred --help` lists them"),
+        (
+            ["simulate", "--out", "x"],
+            "there is no option --out; give its value alone, as `envpred simulate --help` shows",
+        ),
         (["verify", "--stor", "x"], "there is no option --stor; did you mean --store?"),
         (["verify"], "--store must be given; `envpred verify --help` lists its options"),
         (["verify", "x", "--store", "y"], "there is no argument x; `envpred verify --help` lists its options"),

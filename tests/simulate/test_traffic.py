@@ -138,7 +138,7 @@ def test_what_cannot_be_recorded_is_one_line(tmp_path: Path, monkeypatch: pytest
     """Too few seconds, and a town that SUMO's own program makes no network of."""
     for name in ("libsumo", "sumo", "sumolib"):
         monkeypatch.setitem(sys.modules, name, SimpleNamespace(SUMO_HOME=tmp_path))
-    with pytest.raises(UserError, match="a recording of 3 s is too short for a drive: ask for at least 10 s"):
+    with pytest.raises(UserError, match="--seconds 3: give a number of at least 10"):
         record.record(tmp_path / "r.npz", seconds=3)
     program = tmp_path / "bin" / "netconvert"
     program.parent.mkdir()
@@ -158,5 +158,3 @@ def test_sumo_records_a_town_the_same_way_twice(tmp_path: Path) -> None:
     assert len(a.tracks) == len(b.tracks) > 20
     for x, y in zip(a.tracks, b.tracks, strict=True):
         np.testing.assert_array_equal(x.places, y.places)
-    with pytest.raises(UserError, match="too short"):
-        record.record(tmp_path / "c.npz", seconds=3)

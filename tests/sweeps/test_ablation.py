@@ -176,7 +176,8 @@ def test_a_training_that_did_not_reach_its_end_is_not_tested(
     [
         (["--switches=[ransac]"], "give their folder as --source"),
         (["--switches=[one]"], "there are t1_only"),
-        (["--workers=0"], "--workers 0: give at least 1"),
+        (["--seeds=[-1]"], "--seeds -1: give a number of at least 0"),
+        (["--workers=0"], "--workers 0: give a number of at least 1"),
         (["--model.chanels=[4]"], "no option chanels; did you mean --model.channels"),
     ],
 )

@@ -42,7 +42,8 @@ def test_what_was_tuned_replaces_the_preset() -> None:
     ("given", "told"),
     [
         (["--preset", "small"], "--preset small trains on drives of yours; give their folder as --source"),
-        (["--workers", "0"], "--workers 0 --trials 0: give at least 1 and 0"),
+        (["--workers", "0"], "--workers 0: give a number of at least 1"),
+        (["--trials", "-1"], "--trials -1: give a number of at least 0"),
         (["--seeds", "[1,1]"], r"--seeds \[1, 1\]: give different numbers, at least one"),
     ],
 )

@@ -100,7 +100,11 @@ def test_mistakes_are_one_line_before_the_first_trial(
     assert "no store of grids" in failed(tuning(tmp_path / "nothing", space_file, out), capsys)
     assert "no input variant 'dst'" in failed(tuning(store, space_file, out, "--variant=dst"), capsys)
     assert "not reachable" in failed(tuning(store, space_file, out, "--storage=sqlite:////no/such/a.db"), capsys)
-    assert "--workers 0: give at least 1" in failed(tuning(store, space_file, out, "--workers=0"), capsys)
+    for name in ("workers", "trials", "max_failures"):
+        line = failed(tuning(store, space_file, out, f"--{name}=0"), capsys)
+        assert line == f"envpred tune: --{name} 0: give a number of at least 1"
+    assert "--grace 0: give a number above 0" in failed(tuning(store, space_file, out, "--grace=0"), capsys)
+    assert "--seed -1: give a number of" in failed(tuning(store, space_file, out, "--seed=-1"), capsys)
     assert "no Dask scheduler" in failed(tuning(store, space_file, out, "--cluster=tcp://127.0.0.1:1"), capsys)
     space_file.write_text("model.t1_lrr: {low: 1e-4, high: 1e-3}")
     assert "did you mean model.t1_lr?" in failed(tuning(store, space_file, out), capsys)
