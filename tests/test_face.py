@@ -52,13 +52,40 @@ def test_from_a_scan_folder_to_a_forecast_as_the_readme_says(tmp_path: Path, mon
 
 
 def test_a_checkpoint_that_is_none_is_refused(tmp_path: Path) -> None:
-    torch.save(LEAST | {"class_path": "nowhere.Missing", "hyper_parameters": {}}, tmp_path / "a.ckpt")
-    with pytest.raises(UserError, match=r"a\.ckpt: holds a forecaster of the class nowhere\.Missing"):
+    torch.save(LEAST | {"class_path": "envpred.models.Missing", "hyper_parameters": {}}, tmp_path / "a.ckpt")
+    with pytest.raises(UserError, match=r"a\.ckpt: names 'envpred\.models\.Missing', which Python does not find"):
         envpred.load_forecaster(tmp_path / "a.ckpt")
     torch.save(LEAST | {"class_path": "numpy.ndarray", "hyper_parameters": {}}, tmp_path / "b.ckpt")
     with pytest.raises(UserError, match=r"b\.ckpt: numpy\.ndarray is no forecaster"):
         envpred.load_forecaster(tmp_path / "b.ckpt")
+    torch.save(LEAST | {"hyper_parameters": {}}, tmp_path / "d.ckpt")
+    with pytest.raises(UserError, match=r"d\.ckpt: names '', which Python does not find"):
+        envpred.load_forecaster(tmp_path / "d.ckpt")
     file = tmp_path / "c.ckpt"
     torch.save(LEAST | {"class_path": "envpred.models.PredNetForecaster", "hyper_parameters": {}}, file)
     with pytest.raises(UserError, match=r"c\.ckpt: its weights are not those of envpred\.models\.PredNetForecaster"):
         envpred.load_forecaster(file)
+
+
+@pytest.mark.parametrize(
+    "told",
+    [
+        {"class_path": "stranger.Own", "hyper_parameters": {}},
+        {"class_path": "envpred.models.PredNetForecaster", "hyper_parameters": {"variant": "stranger.OWN"}},
+        {"class_path": "envpred.__main__.Own", "hyper_parameters": {}},
+    ],
+    ids=["class", "variant", "command line"],
+)
+def test_a_checkpoint_runs_no_code_that_nobody_chose(
+    told: dict[str, object], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "stranger.py").write_text("raise SystemExit('run')")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "envpred.__main__", raising=False)
+    torch.save(LEAST | told, tmp_path / "a.ckpt")
+    said = r"a\.ckpt: names '.*', and its code would run; if you trust '(stranger|envpred\.__main__)', import it before"
+    with pytest.raises(UserError, match=said):
+        envpred.load_forecaster(tmp_path / "a.ckpt")
+    if told["class_path"] != "envpred.__main__.Own":
+        with pytest.raises(SystemExit, match="run"):
+            envpred.load_forecaster(tmp_path / "a.ckpt", trusted=["stranger"])

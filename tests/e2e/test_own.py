@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from envpred.cli import main
+from envpred.errors import UserError
 from envpred.mapping.geometry import FREE, OCCUPIED
 from envpred.models.loading import load_forecaster
 from envpred.results.predictions import Predictions
@@ -64,7 +65,12 @@ def test_a_forecaster_of_ones_own_goes_all_the_way(folder: Path, store: Path) ->
     forecast = Predictions(manifest.parent).forecast(0)
     assert forecast.shape == (15, 16, 16)
     assert np.ptp(forecast) > 0
-    assert load_forecaster(best).hparams["width"] == 8
+    assert load_forecaster(best).hparams["width"] == 8  # its module is there, as the command line has imported it
+    del sys.modules["forecaster"]
+    with pytest.raises(UserError, match=r"if you trust 'forecaster', import it before, or give it as trusted="):
+        load_forecaster(best)
+    assert "forecaster" not in sys.modules
+    assert load_forecaster(best, trusted=["forecaster"]).hparams["width"] == 8
 
 
 def test_a_variant_of_ones_own_is_an_input(folder: Path, store: Path) -> None:
@@ -74,7 +80,11 @@ def test_a_variant_of_ones_own_is_an_input(folder: Path, store: Path) -> None:
     main(["test", *model, *data, "--ckpt_path=best"])
     (result,) = (folder / "runs").rglob(RESULT)
     assert json.loads(result.read_text())["variant"] == "variant.KNOWN"
-    assert load_forecaster(next((folder / "runs").rglob("best.ckpt"))).view.channels == ("occupied", "free", "known")
+    best = next((folder / "runs").rglob("best.ckpt"))
+    del sys.modules["variant"]
+    with pytest.raises(UserError, match=r"names 'variant\.KNOWN', and its code would run"):
+        load_forecaster(best)
+    assert load_forecaster(best, trusted=["variant"]).view.channels == ("occupied", "free", "known")
 
 
 def test_a_metric_of_ones_own_is_measured_and_shown(folder: Path, store: Path) -> None:
