@@ -1,5 +1,6 @@
 """Ctrl-C, and SIGTERM by which clusters and containers end a job: one line, and an exit code that says which it was."""
 
+import _thread
 import atexit
 import os
 import signal
@@ -8,12 +9,14 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from threading import Event
 from types import FrameType
 from typing import NoReturn
 
 MESSAGE = "envpred: interrupted; run the same command again to go on"
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 TWICE = 1.0  # seconds in which a signal that comes again is the same one: it is sent to a process and to its group
+LONGEST = 30.0  # seconds in which an interrupted command puts itself in order; more hangs, see `_follow`
 
 
 class Terminated(KeyboardInterrupt):
@@ -26,16 +29,33 @@ def exit_code(interrupt: KeyboardInterrupt) -> int:
 
 
 _since: list[float] = []  # when the first signal was raised
+_followed: list[Event] = []  # of each command that is run by `raised`, set at its end
+_holding: list[list[int]] = []  # the signals that came, in each step that is `held`
 
 
 def interrupt(signum: int) -> NoReturn:
     """Raise what stands for a signal."""
+    if _followed and not _since:
+        _thread.start_new_thread(_follow, (signum, _followed[-1]))  # without a lock that the signal may have met
     _since.append(time.monotonic())
     raise Terminated if signum == signal.SIGTERM else KeyboardInterrupt
 
 
+def _follow(signum: int, ended: Event) -> None:
+    """End a process that does not end by itself.
+
+    An exception that comes while Python enters a `with` may leave a lock of a library's behind, TensorBoard's queue
+    say, for which the library then waits for ever.
+    """
+    if not ended.wait(LONGEST):
+        end_at_once(signum, None)
+
+
 def _raise(signum: int, frame: FrameType | None) -> None:
     """Raise what stands for a signal, as its handler; who presses Ctrl-C again cannot wait for what is put in order."""
+    if _holding:
+        _holding[-1].append(signum)
+        return
     if not _since:
         interrupt(signum)
     if time.monotonic() - _since[0] > TWICE:
@@ -63,10 +83,12 @@ def raised() -> Iterator[None]:
 
     sys.unraisablehook = again
     _since.clear()
+    _followed.append(Event())
     try:
         with handled(_raise):
             yield
     finally:
+        _followed.pop().set()
         sys.unraisablehook = hook
 
 
@@ -123,8 +145,9 @@ def noted(later: bool = False) -> Iterator[None]:
     """
 
     def note(signum: int, frame: FrameType | None) -> None:
-        _pressed.append(signum)
-        if not later:
+        if not _holding:
+            _pressed.append(signum)
+        if _holding or not later:
             _raise(signum, frame)
 
     _since.clear()
@@ -156,23 +179,28 @@ def handled(handler: Callable[[int, FrameType | None], object]) -> Iterator[None
         yield
         return
     before = {number: signal.getsignal(number) for number in SIGNALS}
-    if None in before.values():  # of a program around Python, which Python could not give back
-        yield
-        return
-    _give(handler)
     try:
+        with held():  # or one signal would keep the handler that the other has lost
+            _give(handler)
         yield
     finally:
-        for number, other in before.items():
-            signal.signal(number, other)
+        with held():
+            for number, other in before.items():
+                signal.signal(number, other)
 
 
 @contextmanager
 def held() -> Iterator[None]:
-    """Let a signal that comes meanwhile come at the end: for a short step that must not be left half done."""
-    came: list[int] = []
-    with handled(lambda number, _: came.append(number)):
+    """Let a signal that is an exception elsewhere come at the end of a short step that must not be left half done."""
+    if threading.current_thread() is not threading.main_thread():  # no exception of a signal reaches it
         yield
+        return
+    came: list[int] = []
+    _holding.append(came)
+    try:
+        yield
+    finally:
+        _holding.pop()
     if came:
         signal.raise_signal(came[0])
 

@@ -59,6 +59,43 @@ def main():
 program(main)
 """
 
+# A lock of a library's that an exception has left behind, for which the library waits.
+STUCK = """
+import threading
+from envpred import interrupts
+interrupts.LONGEST = 0.2
+lock = threading.Lock()
+
+def main():
+    try:
+        with raised():
+            lock.acquire()
+            try:
+                strike()
+            finally:
+                lock.acquire()
+    except KeyboardInterrupt as interrupt:
+        sys.exit(exit_code(interrupt))
+
+program(main)
+"""
+
+HELD = """
+from envpred.interrupts import held
+
+def main():
+    try:
+        with raised():
+            with held():
+                strike()
+                print("whole")
+            print("not reached")
+    except KeyboardInterrupt as interrupt:
+        sys.exit(exit_code(interrupt))
+
+program(main)
+"""
+
 
 def run(code: str, number: int) -> tuple[int, str, str]:
     done = subprocess.run([sys.executable, "-c", SENT + code, str(number)], capture_output=True, text=True, check=False)
@@ -82,3 +119,13 @@ def test_a_signal_that_comes_twice_is_one_and_one_that_comes_later_ends_at_once(
     """As `timeout` sends it, to the process and to its group; and as somebody presses Ctrl-C who cannot wait."""
     assert run(AGAIN.replace("TIMES", "0.0"), number) == (128 + number, "put in order\n", "")
     assert run(AGAIN.replace("TIMES", "1.1"), number) == (128 + number, "", f"{MESSAGE}\n")
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_what_waits_for_ever_where_it_is_interrupted_is_ended(number: int) -> None:
+    assert run(STUCK, number) == (128 + number, "", f"{MESSAGE}\n")
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_short_step_is_whole_before_a_signal_comes(number: int) -> None:
+    assert run(HELD, number) == (128 + number, "whole\n", "")

@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 from filelock import FileLock
 
+from envpred.interrupts import raised
 from envpred.store import DriveWriter, Store, sweep
 from envpred.store import parts as module
 from envpred.store.files import replaced, write_json
@@ -119,7 +120,7 @@ def test_a_signal_while_a_part_comes_or_goes_leaves_none(
         return original(*arguments)
 
     monkeypatch.setattr(place, step, pressed)
-    with pytest.raises(KeyboardInterrupt):
+    with pytest.raises(KeyboardInterrupt), raised():
         write_json(tmp_path / "store.json", {})
     assert {file.name for file in tmp_path.iterdir()} == left
 
@@ -132,7 +133,7 @@ def test_a_signal_while_a_drive_is_published_leaves_it_unmarked(store: Path, mon
         signal.raise_signal(signal.SIGINT)
 
     monkeypatch.setattr(os, "rename", pressed)
-    with pytest.raises(KeyboardInterrupt):
+    with pytest.raises(KeyboardInterrupt), raised():
         write(store, "b")
     assert not list(store.glob(f"*/{MARK}"))
     Store(store).drives["b"].verify()
