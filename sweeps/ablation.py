@@ -79,9 +79,9 @@ def ablation(
                 say(f"building the store of {key}")
                 stores.build(key, store, folders[key], source)
             failures = execute(todo, times, workers)
-        reports = _report(jobs, out, failures)
-        text = summary(jobs, reports, failures, out)
-        say(f"{text}\nsummary: {replace_text(out / SUMMARY, text)}")
+            reports = _report(jobs, out, failures)
+            text = summary(jobs, reports, failures, out)
+            say(f"{text}\nsummary: {replace_text(out / SUMMARY, text)}")
         if failures:
             raise UserError(
                 "\n".join(

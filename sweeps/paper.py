@@ -75,19 +75,19 @@ def paper(
         for job in jobs:
             say(f"{'train and test' if job.run.trains else 'test'}: {job.run.name}")
         return
-    if source is None:
-        simulate(drives, drives=size.drives, frames=size.frames)
-    grids(store, drives, context=CONTEXT, particle_forecast=["all"])
-    if trials:
-        tuned = {name: _tuned(name, size, fit, store, out, trials, workers) for name in STUDIES}
-        jobs = _jobs(size, fit, tuned, seeds, store, out)
-    todo = [job for job in jobs if not job.is_done()]
-    times = show_plan(jobs, todo, [], store, workers)
     with noted():
-        failures = execute(todo, times, workers)
+        if source is None:
+            simulate(drives, drives=size.drives, frames=size.frames)
+        grids(store, drives, context=CONTEXT, particle_forecast=["all"])
+        if trials:
+            tuned = {name: _tuned(name, size, fit, store, out, trials, workers) for name in STUDIES}
+            jobs = _jobs(size, fit, tuned, seeds, store, out)
+        todo = [job for job in jobs if not job.is_done()]
+        failures = execute(todo, show_plan(jobs, todo, [], store, workers), workers)
+        if not failures:
+            say(f"page: {_page(jobs, store, drives, out, about(preset, trials, source))}")
     if failures:
         raise UserError("\n".join([*failures, f"{len(failures)} of {len(jobs)} runs failed; run the command again"]))
-    say(f"page: {_page(jobs, store, drives, out, about(preset, trials, source))}")
 
 
 def about(preset: str, trials: int, source: Path | None) -> list[str]:

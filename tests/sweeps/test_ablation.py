@@ -1,17 +1,21 @@
 """`python -m sweeps.ablation` from the plan to the report, with runs of a second in this very process."""
 
 import json
+import signal
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
 
 from envpred.callbacks.pictures import Pictures
 from envpred.cli import main as envpred
+from envpred.interrupts import end_at_once
 from envpred.results.result import RESULT
 from sweeps.ablation import main
 from sweeps.runs.trial import TrialFailedError, logged_to
 from sweeps.table.job import CONFIG, SECONDS, Job
+from sweeps.table.summary import summary
 from tests.remedies import remedy
 from tests.store.stores import write_store
 from tests.sweeps.conftest import SMALL, tuning
@@ -141,9 +145,17 @@ def test_a_failed_run_is_told_and_the_others_are_done(
             raise TrialFailedError("the forecast is the same everywhere")
         call(job, command, *options)
 
+    handlers: list[object] = []
+
+    def summed(*told: Any) -> str:
+        handlers.append(signal.getsignal(signal.SIGTERM))
+        return summary(*told)
+
     monkeypatch.setattr(Job, "_call", fail)
+    monkeypatch.setattr("sweeps.ablation.summary", summed)
     with pytest.raises(SystemExit):
         main(arguments(store, tmp_path / "out", "--variants=[dst_static]"))
+    assert handlers not in ([], [end_at_once])  # what is written can be put in order when a signal comes
     lines = capsys.readouterr().err.splitlines()
     assert any("t5_only: the forecast is the same everywhere" in line for line in lines)
     assert lines[-1] == "1 of 3 runs and their reports failed; the others are done"

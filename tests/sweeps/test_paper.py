@@ -2,11 +2,13 @@
 
 import json
 import re
+import signal
 from pathlib import Path
 
 import pytest
 
 from envpred.datamodules.variants import VARIANTS
+from envpred.interrupts import end_at_once
 from envpred.report.paper import PAGE
 from envpred.results.result import RESULT
 from sweeps import paper as module
@@ -65,6 +67,11 @@ def test_a_preset_that_needs_drives_says_what_to_give(tmp_path: Path, capsys: py
     assert "are simulated" in capsys.readouterr().out
 
 
+def put_in_order(*_: object, **__: object) -> None:
+    """What is written can be put in order when a signal comes."""
+    assert signal.getsignal(signal.SIGTERM) is not end_at_once
+
+
 def test_what_failed_is_named(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -73,7 +80,7 @@ def test_what_failed_is_named(
 
     monkeypatch.setattr(Job, "do", fail)
     for made in ("simulate", "grids"):
-        monkeypatch.setattr(module, made, lambda *_, **__: None)
+        monkeypatch.setattr(module, made, put_in_order)
     names = {name: list(range(40)) for name in "abc"}
     write_store(tmp_path / "grids", names, cells=64, dogma=True, context=128)
     with pytest.raises(SystemExit):
