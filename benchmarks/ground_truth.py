@@ -77,7 +77,7 @@ def silent() -> Iterator[None]:
     """Keeps what a C++ library prints off the screen."""
     sys.stdout.flush()
     screen = os.dup(1)
-    with open(os.devnull, "w") as nowhere:
+    with open(os.devnull, "w", encoding="utf-8") as nowhere:
         os.dup2(nowhere.fileno(), 1)
     try:
         yield

@@ -76,7 +76,7 @@ def main() -> None:
     print_table(("left out", "hit", "seen free", "hit, as shipped", "seen free, as shipped", "hit, share alone"), rows)
     if arguments.write:
         everything = fit([d[3] for d in drives], [d[2] for d in drives])
-        arguments.write.write_text(as_json(everything, len(drives)))
+        arguments.write.write_text(as_json(everything, len(drives)), encoding="utf-8")
 
 
 def as_json(rates: HitRates, drives: int) -> str:

@@ -56,7 +56,7 @@ DRAWERS: dict[str, set[str]] = {
 def imports(file: Path, package: Path) -> set[str]:
     """What a file of `package` imports of it, by its name or relative to the file, without its name; types included."""
     found = set()
-    for node in ast.walk(ast.parse(file.read_text())):
+    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):

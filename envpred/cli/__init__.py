@@ -11,13 +11,14 @@ import sys
 from typing import NoReturn
 
 from envpred import interrupts
-from envpred.cli.surroundings import current_folder, in_one_line
+from envpred.cli.surroundings import check_spelt, current_folder, in_one_line, in_utf8
 from envpred.errors import UserError
 from envpred.interrupts import MESSAGE, ends_at_once, exit_code, raised
 
 
 def program() -> NoReturn:
     """What the console script runs."""
+    in_utf8()
     interrupts.program(main)
 
 
@@ -26,6 +27,7 @@ def main(args: list[str] | None = None) -> None:
     args = sys.argv[1:] if args is None else args
     try:
         with raised(), in_one_line(args):
+            check_spelt(args)
             if (folder := current_folder()) not in sys.path:
                 sys.path.append(folder)  # classes of the user's own are named by files in it
             _run(args)

@@ -72,7 +72,7 @@ def is_name(text: str) -> bool:
 def about(file: Path) -> str:
     """What a configuration is for: the first sentence of the comment that it begins with."""
     lines = []
-    for line in file.read_text().splitlines():
+    for line in file.read_text(encoding="utf-8").splitlines():
         if not line.startswith("#"):
             break
         lines.append(line.lstrip("# ").strip())

@@ -129,7 +129,7 @@ def _object(path: str) -> griffe.Class | griffe.Function:
 
 @cache
 def _module(file: Path, name: str) -> griffe.Module:
-    found = griffe.visit(name, file, file.read_text())
+    found = griffe.visit(name, file, file.read_text(encoding="utf-8"))
     assert isinstance(found, griffe.Module)
     return found
 

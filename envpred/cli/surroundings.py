@@ -12,7 +12,7 @@ from contextlib import contextmanager, suppress
 from io import TextIOWrapper
 from pathlib import Path
 
-from envpred.errors import UserError
+from envpred.errors import UserError, printable
 
 UNREAD = 141  # exit code, 128 and the number of SIGPIPE
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
@@ -81,6 +81,30 @@ def current_folder() -> str:
         return os.getcwd()
     except OSError as error:
         raise UserError(f"the current folder is gone ({error.strerror}); change into another one") from None
+
+
+def in_utf8() -> None:
+    """Start this program again in Python's UTF-8 mode where the locale spells names otherwise.
+
+    Names of files are UTF-8 to what we read and write, and to libraries: TensorBoard finds no others.
+    """
+    if sys.getfilesystemencoding() != "utf-8" and os.environ.get("PYTHONUTF8") != "1":
+        os.environ["PYTHONUTF8"] = "1"
+        os.execv(sys.executable, [sys.executable, *sys.orig_argv[1:]])
+
+
+def check_spelt(args: Sequence[str]) -> None:
+    """Refuse what is no UTF-8.
+
+    Raises:
+        UserError: naming the first.
+    """
+    for arg in args:
+        try:
+            arg.encode()
+        except UnicodeEncodeError:
+            told = arg.encode(errors="surrogateescape").decode(errors="replace")
+            raise UserError(f"{printable(told)}: no name in UTF-8; rename it") from None
 
 
 def is_full(folder: Path) -> bool:

@@ -107,7 +107,7 @@ class HitRates:
 @cache
 def default() -> HitRates:
     """The weights that come with the package."""
-    table = json.loads((resources.files("envpred.mapping") / "hit_rates.json").read_text())
+    table = json.loads((resources.files("envpred.mapping") / "hit_rates.json").read_text("utf-8"))
     return HitRates(np.array(table["hit"]), np.array(table["seen"]))
 
 

@@ -37,7 +37,7 @@ class Curve:
 
 @cache
 def _data() -> dict[str, Any]:
-    data: dict[str, Any] = json.loads((resources.files("envpred.report") / "published.json").read_text())
+    data: dict[str, Any] = json.loads((resources.files("envpred.report") / "published.json").read_text("utf-8"))
     return data
 
 

@@ -97,7 +97,7 @@ _POSE = """\t\t\t<item{}>
 
 def write(path: Path, tracklets: list[Tracklet]) -> None:
     """Writes the boost archive that KITTI's tools parse; a box without a return is "fully occluded" (2)."""
-    with path.open("w") as out:
+    with path.open("w", encoding="utf-8") as out:
         out.write(_HEAD.format(len(tracklets)))
         for k, t in enumerate(tracklets):
             archive = [

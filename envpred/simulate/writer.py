@@ -31,8 +31,8 @@ def write_drive(folder: Path, scene: Scene, sensor: HDL64E, number: int, rng: np
     start = datetime(2020, 1, 1, 8) + timedelta(minutes=10 * number)
     _write_times(folder, start, scene.frames)
     for k, line in enumerate(oxts_packets(scene.ego, rng)):
-        (packets / f"{k:010d}.txt").write_text(line + "\n")
-    (folder / "oxts" / "dataformat.txt").write_text(_DATAFORMAT)
+        (packets / f"{k:010d}.txt").write_text(line + "\n", encoding="utf-8")
+    (folder / "oxts" / "dataformat.txt").write_text(_DATAFORMAT, encoding="utf-8")
 
     still, device = scene.targets()
     seen: dict[int, list[Tracklet]] = {}
@@ -77,7 +77,7 @@ def _write_times(folder: Path, start: datetime, frames: int) -> None:
     }
     for file, shift in files.items():
         times = (start + timedelta(seconds=k / RATE + shift) for k in range(frames))
-        file.write_text("".join(f"{t:%Y-%m-%d %H:%M:%S.%f}000\n" for t in times))
+        file.write_text("".join(f"{t:%Y-%m-%d %H:%M:%S.%f}000\n" for t in times), encoding="utf-8")
 
 
 def write_calibration(folder: Path) -> None:
@@ -86,12 +86,12 @@ def write_calibration(folder: Path) -> None:
     stamp = "calib_time: 01-Jan-2020 08:00:00\n"
     rigid = "R: {}\nT: {}\n"
     imu_to_sensor = rigid.format(_row(np.eye(3)), _row(-IMU_TO_SENSOR))
-    (folder / "calib_imu_to_velo.txt").write_text(stamp + imu_to_sensor)
+    (folder / "calib_imu_to_velo.txt").write_text(stamp + imu_to_sensor, encoding="utf-8")
     # The cameras look along x: their x is the sensor's -y, their y its -z; camera 0 is 0.27 m ahead, 0.08 m lower.
     axes = np.array([[0, -1, 0], [0, 0, -1], [1, 0, 0]], np.float64)
     to_camera = rigid.format(_row(axes), _row(-axes @ np.array([0.27, 0.0, -0.08])))
-    (folder / "calib_velo_to_cam.txt").write_text(stamp + to_camera + "delta_f: 0 0\ndelta_c: 0 0\n")
-    (folder / "calib_cam_to_cam.txt").write_text(stamp + "corner_dist: 1.000000e-01\n" + _cameras())
+    (folder / "calib_velo_to_cam.txt").write_text(stamp + to_camera + "delta_f: 0 0\ndelta_c: 0 0\n", encoding="utf-8")
+    (folder / "calib_cam_to_cam.txt").write_text(stamp + "corner_dist: 1.000000e-01\n" + _cameras(), encoding="utf-8")
 
 
 def _cameras() -> str:

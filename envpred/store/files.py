@@ -98,7 +98,7 @@ def replaced(file: Path) -> Iterator[Path]:
 def replace_text(file: Path, text: str) -> Path:
     """Replace `file` in one step, also where several processes do so at once; returns it."""
     with replaced(file) as part:
-        part.write_text(text)
+        part.write_text(text, encoding="utf-8", errors="surrogateescape")  # names of files that the locale cannot spell
     return file
 
 

@@ -80,7 +80,7 @@ class Runner:
         """
         folder = self.folder / f"{number:04d}"
         folder.mkdir(parents=True, exist_ok=True)
-        (folder / CONFIG).write_text(as_yaml(config))
+        (folder / CONFIG).write_text(as_yaml(config), encoding="utf-8")
         progress = Progress(folder, epochs_of(config))
         with (folder / LOG).open("wb") as log:
             process = processes.start(self.command(folder / CONFIG, folder), log)
@@ -106,7 +106,7 @@ class Runner:
 
 def failure(log: Path, code: int) -> Exception:
     """Why a run ended with `code`, from the end of its log: its own line, else the last one of a traceback."""
-    lines = [line for line in log.read_text(errors="replace").splitlines() if line.strip()]
+    lines = [line for line in log.read_text(encoding="utf-8", errors="replace").splitlines() if line.strip()]
     told = next((line.removeprefix("envpred: ") for line in reversed(lines) if line.startswith("envpred: ")), None)
     reason = told or (lines[-1].strip() if lines else f"exit code {code}")
     text = "\n".join(lines[-50:])

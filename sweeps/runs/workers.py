@@ -58,7 +58,7 @@ def _follow(command: list[str], threads: int, voices: _Voices, number: int) -> s
     """Run the command to its end, and say what it says; its reason if it fails."""
     reading, writing = os.pipe()
     reason, line = "", ""
-    with open(reading, errors="replace") as lines:
+    with open(reading, encoding="utf-8", errors="replace") as lines:
         with open(writing, "wb") as log:
             process = processes.start(command, log, threads=threads)
         try:

@@ -56,14 +56,14 @@ def wait_for(condition: Callable[[], object], process: subprocess.Popen[str], se
 
 def workers_of(process: subprocess.Popen[str]) -> list[int]:
     """Process numbers of its workers (multiprocessing's resource tracker is none)."""
-    children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
+    children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text(encoding="utf-8").split()
     return [int(child) for child in children if b"spawn_main" in Path(f"/proc/{child}/cmdline").read_bytes()]
 
 
 def runs(pid: int) -> bool:
     """Whether the process is there and more than an entry that waits for its parent."""
     try:
-        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
+        return Path(f"/proc/{pid}/stat").read_text(encoding="utf-8").rsplit(")", 1)[1].split()[0] != "Z"
     except (FileNotFoundError, ProcessLookupError):
         return False
 

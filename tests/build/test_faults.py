@@ -194,7 +194,7 @@ def test_kills_at_random_moments(source: Path, tmp_path: Path, uninterrupted: di
 def test_interrupt_at_any_moment(source: Path, tmp_path: Path, delay: float) -> None:
     process = builds.start(source, tmp_path / "grids", "--workers", "2")
     # From the moment our own code runs and loads its libraries; before, Ctrl-C is Python's own affair.
-    assert builds.wait_for(lambda: "numpy" in Path(f"/proc/{process.pid}/maps").read_text(), process)
+    assert builds.wait_for(lambda: "numpy" in Path(f"/proc/{process.pid}/maps").read_text(encoding="utf-8"), process)
     time.sleep(delay)
     if process.poll() is not None:
         process.communicate()

@@ -42,7 +42,7 @@ def grids(source: Path, store: Path, *more: str) -> list[str]:
 
 
 def rewrite(file: Path, **changes: object) -> None:
-    file.write_text(json.dumps(json.loads(file.read_text()) | changes))
+    file.write_text(json.dumps(json.loads(file.read_text(encoding="utf-8")) | changes), encoding="utf-8")
 
 
 def flip(file: Path) -> None:

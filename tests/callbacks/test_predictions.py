@@ -178,7 +178,7 @@ def test_what_fails_half_way_leaves_nothing(gaps: Path, tmp_path: Path) -> None:
 
 
 def rewrite(file: Path, **changes: Any) -> None:
-    file.write_text(json.dumps(json.loads(file.read_text()) | changes))
+    file.write_text(json.dumps(json.loads(file.read_text(encoding="utf-8")) | changes), encoding="utf-8")
 
 
 DAMAGE: dict[str, Callable[[Path], object]] = {

@@ -84,7 +84,7 @@ def unread() -> Iterator[TextIO]:
     """A pipe whose reader has gone."""
     reading, writing = os.pipe()
     os.close(reading)
-    with open(writing, "w") as output:
+    with open(writing, "w", encoding="utf-8") as output:
         yield output
 
 
@@ -108,7 +108,7 @@ def test_a_mistake_is_told_though_nobody_reads_the_output(unread: TextIO, monkey
 @pytest.mark.parametrize("args", PRINTING, ids=" ".join)
 def test_output_that_takes_no_more_is_one_line(folder: Path, monkeypatch: pytest.MonkeyPatch, args: list[str]) -> None:
     monkeypatch.chdir(folder)
-    with open("/dev/full", "w") as output:
+    with open("/dev/full", "w", encoding="utf-8") as output:
         monkeypatch.setattr(sys, "stdout", output)
         said = refusal(args)
     assert said == "standard output: No space left on device; make room, then run the same command again"

@@ -67,10 +67,10 @@ RUN = "runs/test/last_frame/dst_static/version_0"
 def test_pictures(folder: Path, monkeypatch: pytest.MonkeyPatch, args: list[str]) -> None:
     monkeypatch.chdir(folder)
     name = args[-1].removeprefix("--out=")
-    Path(name).write_text("as it was")
+    Path(name).write_text("as it was", encoding="utf-8")
     with no_room():
         assert refusal(args) == f"{name}: File too large; make room, then run the same command again"
-    assert Path(name).read_text() == "as it was"
+    assert Path(name).read_text(encoding="utf-8") == "as it was"
     main(args)
     assert Path(name).stat().st_size > 512
     assert not any(file.name.startswith(".") for file in folder.iterdir())

@@ -204,7 +204,7 @@ def write_sequence(
 def _write_stamps(file: Path, frames: int, blank: Collection[int], period: float) -> None:
     start = datetime(2011, 9, 26, 13, 2, 25, 964389)
     stamps = [start + timedelta(seconds=period) * k for k in range(frames)]
-    file.write_text("\n".join("" if k in blank else f"{stamps[k]}445" for k in range(frames)) + "\n")
+    file.write_text("\n".join("" if k in blank else f"{stamps[k]}445" for k in range(frames)) + "\n", encoding="utf-8")
 
 
 def _numbers(values: Array) -> str:

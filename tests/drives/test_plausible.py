@@ -39,10 +39,10 @@ def folder(sound: Path, tmp_path: Path) -> Path:
 
 
 def change_fields(file: Path, values: dict[int, float]) -> None:
-    fields = file.read_text().split()
+    fields = file.read_text(encoding="utf-8").split()
     for field, value in values.items():
         fields[field] = repr(value)
-    file.write_text(" ".join(fields) + "\n")
+    file.write_text(" ".join(fields) + "\n", encoding="utf-8")
 
 
 def packets(values: dict[int, float], frames: slice = slice(None)) -> Callable[[Path], None]:

@@ -86,7 +86,7 @@ def test_every_configuration_fits_tests_and_predicts(
     one_window = ["--data.samples=1", "--data.batch_size=1", "--data.crop=32"]
     one_window += ["--data.val=[b@-20]", "--data.test=[c@-20]"]
     args = configured(model, data, store, *one_window)
-    trains = "epochs" in model.read_text()
+    trains = "epochs" in model.read_text(encoding="utf-8")
     if trains:
         main(["fit", *args, "--trainer.max_epochs=1"])
     checkpoint = ["--ckpt_path", "best"] if trains else []
@@ -99,7 +99,9 @@ def test_every_configuration_fits_tests_and_predicts(
         assert "true motion" in failure(["predict", *newest], capsys)
     else:
         main(["predict", *newest])
-        assert json.loads(Path("newest/manifest.json").read_text())["windows"][0]["frames"] == list(range(15, 20))
+        assert json.loads(Path("newest/manifest.json").read_text(encoding="utf-8"))["windows"][0]["frames"] == list(
+            range(15, 20)
+        )
     found = json.loads(result.read_text())
     assert len(found["metrics"]["mse"]["mean"]) == 15
     assert found["variant"] == data.stem
@@ -207,7 +209,7 @@ def test_a_report_of_all_variants_shows_them_on_the_same_windows(store: Path) ->
         main(["test", *configured(config("model/last_frame.yaml"), config(f"data/{data}.yaml"), store)])
     main(["test", *configured(config("model/particle_forecast.yaml"), STATIC, store)])
     main(["report", "runs", "--out", "report"])
-    page = Path("report/report.html").read_text()
+    page = Path("report/report.html").read_text(encoding="utf-8")
     assert "c, frame 4: target and forecasts." in page
     assert "kept no forecasts" not in page
     runs = [str(file.parent) for file in sorted(Path("runs").rglob(RESULT))]

@@ -126,7 +126,7 @@ def test_movers_are_given_up_or_get_their_velocities(
 
 def test_predictions_go_to_a_folder_that_is_free(store: Path) -> None:
     Path("full").mkdir()
-    Path("full", "notes.txt").write_text("mine")
+    Path("full", "notes.txt").write_text("mine", encoding="utf-8")
     args = ["predict", *of("last_frame", store), "--predictions.folder=full"]
     ((option,),) = remedy(refusal(args))
     main([*args, f"{option}=free"])

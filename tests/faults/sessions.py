@@ -9,7 +9,7 @@ from pathlib import Path
 def heeds(pid: int) -> bool:
     """Whether a process has a handler for SIGTERM."""
     try:
-        status = Path(f"/proc/{pid}/status").read_text()
+        status = Path(f"/proc/{pid}/status").read_text(encoding="utf-8")
     except (FileNotFoundError, ProcessLookupError):
         return False
     (caught,) = [int(line.split()[1], 16) for line in status.splitlines() if line.startswith("SigCgt")]

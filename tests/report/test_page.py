@@ -43,7 +43,8 @@ def browse(page: Path, profile: Path, width: int = 1280) -> dict[str, Any]:
     """What `page` shows in a headless browser whose window is so wide."""
     assert BROWSER is not None
     probed = page.with_name("probed.html")
-    probed.write_text(re.sub(r"(<head[^>]*>)", lambda head: head[1] + PROBE, page.read_text(), count=1))
+    content = page.read_text(encoding="utf-8")
+    probed.write_text(re.sub(r"(<head[^>]*>)", lambda head: head[1] + PROBE, content, count=1), encoding="utf-8")
     done = subprocess.run(
         [
             BROWSER,
@@ -97,7 +98,7 @@ def test_page_in_a_browser(page: Path, tmp_path: Path) -> None:
 
 
 def test_page_names_nothing_outside_itself(page: Path) -> None:
-    text = page.read_text()
+    text = page.read_text(encoding="utf-8")
     assert not re.findall(r'(?:src|href)="(?!data:)', text)
     assert "@import" not in text
     assert not re.search(r">\s*(nan|None|inf)\b", text)
@@ -105,7 +106,7 @@ def test_page_names_nothing_outside_itself(page: Path) -> None:
 
 def test_the_page_shows_every_picture_that_a_result_names(page: Path) -> None:
     """In the order of the windows, without the animation of a run that is animated beside the others."""
-    captions = re.findall(r"<figcaption>(.*?)</figcaption>", page.read_text())
+    captions = re.findall(r"<figcaption>(.*?)</figcaption>", page.read_text(encoding="utf-8"))
     ends = {label: [c.split(": ")[1] for c in captions if c.startswith(label)] for label in ("prednet", "particle")}
     assert ends["prednet"] == ["window 2 errors", "window 2 velocity", "window 10 velocity"]
     assert ends["particle"] == ["window 2 animation", *ends["prednet"]]

@@ -22,7 +22,7 @@ def train(config: Path, folder: Path) -> None:
     from envpred.results.validations import VALIDATIONS, History
     from envpred.store.files import write_json
 
-    model = yaml.safe_load(config.read_text())["model"]["init_args"]
+    model = yaml.safe_load(config.read_text(encoding="utf-8"))["model"]["init_args"]
     epochs = model["t1_epochs"] + model["t5_epochs"]
     if os.environ.get("STUB_FAIL") and model["t1_lr"] > 1e-3:
         print("loading\nenvpred: " + os.environ["STUB_FAIL"])

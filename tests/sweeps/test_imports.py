@@ -13,7 +13,7 @@ PACKAGE = Path(sweeps.__file__).parent
 def named(file: Path) -> set[str]:
     """The first parts of what a file imports by its name."""
     found = set()
-    for node in ast.walk(ast.parse(file.read_text())):
+    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
             found |= {alias.name.split(".")[0] for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.module and not node.level:

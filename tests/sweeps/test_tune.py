@@ -81,13 +81,13 @@ def test_studies_of_other_grids_spaces_and_configurations_are_refused(
     (name,), force = remedy(line)
     main([*changed, *force])
     main([*changed, f"{name}=u"])
-    space_file.write_text("model.t1_lr: {low: 1e-4, high: 1e-3}")
+    space_file.write_text("model.t1_lr: {low: 1e-4, high: 1e-3}", encoding="utf-8")
     assert "another space" in failed(tuning(store, space_file, tmp_path, *common), capsys)
     line = failed(tuning(store, space_file, tmp_path, *common, "--force=true"), capsys)
     assert "model.t1_lr was searched otherwise in trial 0" in line
     ((name,),) = remedy(line)
     main(tuning(store, space_file, tmp_path, "--trials=1", f"{name}=t"))
-    space_file.write_text("model.t1_lr: {low: 1e-4, high: 1e-3, log: true}")
+    space_file.write_text("model.t1_lr: {low: 1e-4, high: 1e-3, log: true}", encoding="utf-8")
     main(tuning(store, space_file, tmp_path, *common, "--trials=2", "--force=true"))
 
 
@@ -106,13 +106,13 @@ def test_mistakes_are_one_line_before_the_first_trial(
     assert "--grace 0: give a number above 0" in failed(tuning(store, space_file, out, "--grace=0"), capsys)
     assert "--seed -1: give a number of" in failed(tuning(store, space_file, out, "--seed=-1"), capsys)
     assert "no Dask scheduler" in failed(tuning(store, space_file, out, "--cluster=tcp://127.0.0.1:1"), capsys)
-    space_file.write_text("model.t1_lrr: {low: 1e-4, high: 1e-3}")
+    space_file.write_text("model.t1_lrr: {low: 1e-4, high: 1e-3}", encoding="utf-8")
     assert "did you mean model.t1_lr?" in failed(tuning(store, space_file, out), capsys)
     options = [option for option in tuning(store, space_file, out) if not option.startswith("--config")]
     (config,) = remedy(failed(options, capsys))
     assert "did you mean model.t1_lr?" in failed([*config, *options], capsys)  # which comes after
     (tmp_path / "file").write_text("")
-    space_file.write_text("model.t1_lr: {low: 1e-4, high: 1e-3}")
+    space_file.write_text("model.t1_lr: {low: 1e-4, high: 1e-3}", encoding="utf-8")
     line = failed(tuning(store, space_file, tmp_path / "file"), capsys)
     assert "Not a directory" in line
     ((option,),) = remedy(line)
@@ -124,7 +124,7 @@ def test_mistakes_are_one_line_before_the_first_trial(
 def test_failing_trials_end_in_their_reason(
     store: Path, space_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    space_file.write_text("model.t1_lr: {low: 2e-3, high: 1e-2}")
+    space_file.write_text("model.t1_lr: {low: 2e-3, high: 1e-2}", encoding="utf-8")
     monkeypatch.setenv("STUB_FAIL", "CUDA out of memory")
     line = failed(tuning(store, space_file, tmp_path, "--trials=2", "--max_failures=2"), capsys)
     assert "the last 2 trials" in line
@@ -169,7 +169,7 @@ def test_workers_here_and_on_a_cluster_are_given_the_same_options(
 
 
 def test_a_spaces_own_configuration_is_taken(store: Path, space_file: Path, tmp_path: Path, stubbed: None) -> None:
-    space_file.write_text(f"config: {SMALL}\nmodel.t1_lr: {{low: 1e-4, high: 1e-3}}")
+    space_file.write_text(f"config: {SMALL}\nmodel.t1_lr: {{low: 1e-4, high: 1e-3}}", encoding="utf-8")
     options = [option for option in tuning(store, space_file, tmp_path / "out") if not option.startswith("--config")]
     main([*options, "--trials=1"])
     assert "channels: [16, 32, 64]" in (tmp_path / "out" / "prednet_dst_static" / BEST).read_text()

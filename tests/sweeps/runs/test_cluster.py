@@ -85,8 +85,8 @@ def test_the_commands_that_start_a_cluster(tmp_path: Path, monkeypatch: pytest.M
                 program, *words = refused()
                 command = [str(Path(sys.executable).with_name(program)), *words]
                 started.append(subprocess.Popen(command, stderr=log, stdout=log))
-            while said not in Path(said).read_text():
-                assert started[-1].poll() is None, Path(said).read_text()
+            while said not in Path(said).read_text(encoding="utf-8"):
+                assert started[-1].poll() is None, Path(said).read_text(encoding="utf-8")
                 time.sleep(0.1)
         on_cluster(address, help_of)
     finally:

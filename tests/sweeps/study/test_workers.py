@@ -62,7 +62,7 @@ def check_killed_study(folder: Path, args: list[str], url: str | None, module: s
             return bool(found)
 
         assert builds.wait_for(is_running, workers[0])
-        children = Path(f"/proc/{workers[0].pid}/task/{workers[0].pid}/children").read_text().split()
+        children = Path(f"/proc/{workers[0].pid}/task/{workers[0].pid}/children").read_text(encoding="utf-8").split()
         os.kill(workers[0].pid, signal.SIGKILL)
         workers[0].communicate()
         said, _ = workers[1].communicate(timeout=300)
