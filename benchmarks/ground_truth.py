@@ -29,10 +29,11 @@ from numpy.typing import NDArray
 from envpred.build.grids import mapped, mapper_of
 from envpred.drives import Drive, find_drives
 from envpred.drives.kitti import KittiDrive
+from envpred.drives.tracklets import Tracklet
 from envpred.mapping.geometry import FREE, PAPER_SENSOR_HEIGHT, GridSpec
 from envpred.mapping.ground import MarkovRandomField, RansacPlane
 from envpred.mapping.mapper import MappingParameters
-from envpred.simulate import classes, tracklets
+from envpred.simulate import classes
 from envpred.simulate.run import simulate
 
 Segmenter = Callable[[NDArray[np.float32]], NDArray[np.bool_]]
@@ -145,8 +146,7 @@ def score_free(drives: list[Drive], every: int) -> tuple[float, float]:
     """Share of free cells that hold an object's return, and share whose centre lies in an object's box."""
     spec, free, hit, boxed = GridSpec(), 0, 0, 0
     for drive in drives:
-        assert isinstance(drive, KittiDrive)
-        objects = tracklets.read(drive.folder / "tracklet_labels.xml")
+        objects = drive.tracklets()
         mapper = mapper_of(drive, MappingParameters(spec))
         origin = mapper.origin
         assert origin is not None
@@ -170,7 +170,7 @@ def score_free(drives: list[Drive], every: int) -> tuple[float, float]:
 
 
 def _covered(
-    objects: list[tracklets.Tracklet],
+    objects: list[Tracklet],
     frame: int,
     sensor: NDArray[np.float64],
     origin: NDArray[np.float64],
@@ -186,7 +186,7 @@ def _covered(
     local = np.column_stack([c * away[:, 0] + s * away[:, 1], c * away[:, 1] - s * away[:, 0], away[:, 2]])
     covered = np.zeros(len(local), bool)
     for thing in objects:
-        if thing.first <= frame < thing.first + len(thing.poses):
+        if frame in thing.frames:
             local[:, 2] = thing.poses[frame - thing.first][2] + 0.1
             covered |= thing.contains(frame, local)
     return covered.reshape(spec.cells, spec.cells)

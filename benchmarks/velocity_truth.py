@@ -8,7 +8,6 @@ boxes' centres in the world (central differences); a cell's truth is that of the
 
 import argparse
 import itertools
-import xml.etree.ElementTree as ET
 from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -70,21 +69,17 @@ class Truth:
     annotated: NDArray[np.bool_]
 
 
-def read_boxes(drive: KittiDrive) -> list[list[Box]]:
+def read_boxes(drive: Drive) -> list[list[Box]]:
     """The boxes of every frame of `drive`."""
-    file = drive.folder / "tracklet_labels.xml"
-    if not file.is_file():
-        raise UserError(f"{file}: no boxes of tracked objects; unpack the drive's tracklets there")
+    if not drive.has_tracklets:
+        raise UserError(f"{drive.name}: has no boxes of tracked objects; unpack the drive's tracklets there")
     to_world = {k: drive.pose(k) @ drive.sensor_to_body() for k in drive.frames}
     position = {k: n for n, k in enumerate(drive.frames)}
     boxes: list[list[Box]] = [[] for _ in drive.frames]
-    for track, item in enumerate(ET.parse(file).getroot().findall("./tracklets/item")):
-        first, length, width = (float(item.findtext(name, "nan")) for name in ("first_frame", "l", "w"))
+    for number, track in enumerate(drive.tracklets()):
         placed = {}
-        for n, pose in enumerate(item.findall("./poses/item")):
-            k = int(first) + n
+        for k, (x, y, z, yaw) in zip(track.frames, track.poses, strict=True):
             if k in to_world:
-                x, y, z, yaw = (float(pose.findtext(name, "nan")) for name in ("tx", "ty", "tz", "rz"))
                 centre = transform(np.array([[x, y, z]]), to_world[k])[0, :2]
                 ahead = to_world[k][:2, :2] @ (np.cos(yaw), np.sin(yaw))
                 placed[k] = centre, float(np.arctan2(ahead[1], ahead[0]))
@@ -92,7 +87,7 @@ def read_boxes(drive: KittiDrive) -> list[list[Box]]:
             before, after = max(k - 2, min(placed)), min(k + 2, max(placed))
             if before < after and before in placed and after in placed:
                 velocity = (placed[after][0] - placed[before][0]) / (drive.time(after) - drive.time(before))
-                boxes[position[k]].append(Box(centre, heading, length, width, velocity, track))
+                boxes[position[k]].append(Box(centre, heading, *track.size[:2], velocity, number))
     return boxes
 
 

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from envpred.drives import Drive
+from envpred.drives.tracklets import Tracklet
 from envpred.mapping.geometry import FloatArray
 
 
@@ -54,3 +55,10 @@ class EveryNth(Drive):
 
     def image(self, k: int) -> Path | None:
         return self.drive.image(k)
+
+    @property
+    def has_tracklets(self) -> bool:
+        return self.drive.has_tracklets
+
+    def tracklets(self) -> list[Tracklet]:
+        return self.drive.tracklets()

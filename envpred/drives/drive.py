@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from envpred.drives.plausible import check_points
+from envpred.drives.tracklets import Tracklet
 from envpred.errors import UserError
 from envpred.mapping.geometry import PAPER_BODY, PAPER_SENSOR_HEIGHT, PAPER_SENSOR_OFFSET, Body, FloatArray
 from envpred.mapping.period import is_gap, nominal
@@ -58,6 +59,19 @@ class Drive(ABC):
     def image(self, k: int) -> Path | None:
         """Path of the camera picture of frame `k`, if the drive has one."""
         return None
+
+    @property
+    def has_tracklets(self) -> bool:
+        """Whether boxes of tracked objects come with the recording, which `tracklets` reads."""
+        return False
+
+    def tracklets(self) -> list[Tracklet]:
+        """Boxes of tracked objects by frame number, in the sensor frame; none where the recording has none.
+
+        Raises:
+            UserError: if they cannot be read.
+        """
+        return []
 
     @property
     def stamped_in(self) -> Path | str:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from envpred.drives.drive import Drive, named, read_points
 from envpred.drives.plausible import check_rotation
+from envpred.drives.tracklets import TRACKLETS, Tracklet, read_tracklets
 from envpred.errors import UserError, short
 from envpred.gate import read_text
 from envpred.mapping.geometry import FloatArray
@@ -95,6 +96,13 @@ class KittiDrive(Drive):
             if file.is_file():
                 return file
         return None
+
+    @property
+    def has_tracklets(self) -> bool:
+        return (self.folder / TRACKLETS).exists()
+
+    def tracklets(self) -> list[Tracklet]:
+        return read_tracklets(self.folder / TRACKLETS) if self.has_tracklets else []
 
     @cached_property
     def _scans(self) -> dict[int, Path]:

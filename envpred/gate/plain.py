@@ -1,9 +1,10 @@
-"""Text, JSON and YAML: read, and compared with schemas, see `envpred.gate.stores` and `envpred.gate.runs`."""
+"""Text, JSON, YAML and XML: read, and compared with schemas, see `envpred.gate.stores` and `envpred.gate.runs`."""
 
 import json
 import re
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import msgspec
 import yaml
@@ -61,14 +62,30 @@ def read_yaml(file: Path, remedy: str) -> Any:
         raise UserError(f"{file}: cannot be read as YAML ({one_line(error)}); {remedy}") from None
 
 
-def conform(value: Any, schema: Any, file: Path | str, remedy: str) -> Any:
-    """The plain `value` as an object of the type `schema`.
+def read_xml(file: Path, remedy: str) -> ElementTree.Element:
+    """The root of what stands in `file`, which is XML.
+
+    Nothing outside the file is read, and Expat (from 2.4.1 on, with every Python of today) ends what would grow by
+    entities of entities.
+
+    Raises:
+        UserError: naming the file, and why it cannot be read.
+    """
+    content = _content(file, remedy)
+    try:
+        return ElementTree.fromstring(content)
+    except (ElementTree.ParseError, ValueError, LookupError) as error:  # the last two of encodings
+        raise UserError(f"{file}: cannot be read as XML ({one_line(error)}); {remedy}") from None
+
+
+def conform(value: Any, schema: Any, file: Path | str, remedy: str, strict: bool = True) -> Any:
+    """The plain `value` as an object of the type `schema`; with `strict` False numbers may be texts.
 
     Raises:
         UserError: naming the `file` it is from, and what in it does not fit.
     """
     try:
-        return msgspec.convert(value, schema)
+        return msgspec.convert(value, schema, strict=strict)
     # SystemError: of 400 digits, up to 0.21; UnicodeError: of text that no file can hold, as a lone surrogate.
     except (msgspec.ValidationError, RecursionError, SystemError, UnicodeError) as error:
         what, _, place = one_line(error).partition(" - at ")

@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from envpred.drives.tracklets import HIDDEN, TRACKLETS, VISIBLE, Tracklet
 from envpred.simulate import tracklets
 from envpred.simulate.ego import IMU_TO_SENSOR, oxts_packets
 from envpred.simulate.lidar import HDL64E, Target
 from envpred.simulate.scene import Box, Scene
-from envpred.simulate.tracklets import Tracklet
 from envpred.simulate.traffic import RATE
 
 DATE = "2020_01_01"
@@ -45,7 +45,7 @@ def write_drive(folder: Path, scene: Scene, sensor: HDL64E, number: int, rng: np
         _follow(seen, scene.boxes(k), k, np.asarray(np.linalg.inv(pose), np.float64), words)
         yield len(points)
     kept = [t for object_ in seen.values() for whole in object_ if (t := tracklets.trim(whole))]
-    tracklets.write(folder / "tracklet_labels.xml", kept)
+    tracklets.write(folder / TRACKLETS, kept)
 
 
 def _follow(
@@ -55,8 +55,8 @@ def _follow(
     to_sensor: NDArray[np.float64],
     words: NDArray[np.uint32],
 ) -> None:
-    """Adds a frame's boxes to the tracklets; an object that comes back into reach starts another."""
-    returns = np.bincount(words >> 16, minlength=1)
+    """Adds a frame's boxes to the tracklets, hidden without a return; what comes back into reach starts another."""
+    hit = set(np.unique(words >> 16).tolist())
     turn = np.arctan2(to_sensor[1, 0], to_sensor[0, 0])
     for box in boxes:
         mine = seen.setdefault(box.instance, [])
@@ -65,7 +65,7 @@ def _follow(
         x, y, z = to_sensor[:3, :3] @ box.place + to_sensor[:3, 3]
         yaw = (box.heading + turn + np.pi) % (2 * np.pi) - np.pi
         mine[-1].poses.append((float(x), float(y), float(z), float(yaw)))
-        mine[-1].points.append(int(returns[box.instance]) if box.instance < len(returns) else 0)
+        mine[-1].occlusion.append(VISIBLE if box.instance in hit else HIDDEN)
 
 
 def _write_times(folder: Path, start: datetime, frames: int) -> None:

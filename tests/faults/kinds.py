@@ -21,6 +21,7 @@ from envpred.cli.draw import draw
 from envpred.datamodules import GridDataModule
 from envpred.drives import find_drives
 from envpred.drives.plausible import oddities
+from envpred.drives.tracklets import TRACKLETS, VISIBLE, Tracklet
 from envpred.errors import UserError
 from envpred.mapping.geometry import GridSpec
 from envpred.mapping.mapper import MappingParameters
@@ -38,6 +39,7 @@ from envpred.report.tables import methods_table, variants_table
 from envpred.results.predictions import Predictions
 from envpred.simulate.pictures import scan_picture
 from envpred.simulate.run import simulate
+from envpred.simulate.tracklets import write
 from envpred.simulate.traffic import LANES, Network, Recording, Track
 from envpred.store import DriveWriter, Store
 from sweeps.runs.progress import Progress, check_ended
@@ -145,7 +147,9 @@ def _complete(folder: Path) -> None:
 
 
 def _drive(folder: Path) -> None:
-    write_drive(folder / "drives", frames=6, azimuths=24, images=True)
+    drive = write_drive(folder / "drives", frames=6, azimuths=24, images=True)
+    box = Tracklet("Car", (4.2, 1.7, 1.5), 1, [(5.0 + k, 2.0, -1.7, 0.1 * k) for k in range(4)], [VISIBLE] * 4)
+    write(drive / TRACKLETS, [box, box])
 
 
 def _sequence(folder: Path) -> None:
@@ -158,6 +162,7 @@ def _read_drives(folder: Path, random: Random) -> None:
             continue
         oddities(drive, drive.sensor_to_body())
         drive.stretches()
+        drive.tracklets()
         if random.randrange(4) == 0:
             out = folder / "out" / "grids"
             shutil.rmtree(out, ignore_errors=True)
@@ -333,6 +338,7 @@ KINDS = {
     ".checked.json": Kind(_store, "grids/.checked.json", _read_store, 200, HIDDEN, exact=True),
     "grids": Kind(_store, "grids/*/*.npy", _read_store, 1000, HIDDEN, exact=True),
     "KITTI drive, text": Kind(_drive, "drives/**/*.txt", _read_drives, 800),
+    "KITTI drive, tracklets": Kind(_drive, "drives/**/*.xml", _read_drives, 200),
     "KITTI drive, scans": Kind(_drive, "drives/**/*.bin", _read_drives, 370),
     "odometry sequence": Kind(_sequence, "drives/**/*.txt", _read_drives, 500),
     "result.json": Kind(_results, "prednet_*/result.json", _read_results, 1000),

@@ -76,7 +76,7 @@ def mutated(random: Random, name: str, content: bytes, paths: Sequence[str] = ()
             edits += [lambda: edited_checkpoint(random, content, paths)] * 3
     elif ending == ".npy":
         edits = [lambda: edited_array(random, content)] * 2
-    elif ending in (".txt", ".yaml", ".log"):
+    elif ending in (".txt", ".xml", ".yaml", ".log"):
         edits = [lambda: edited_text(random, content.decode(), paths).encode(errors="surrogatepass")] * 3
         if ending == ".yaml":
             edits += [lambda: edited_yaml(random, content, paths)] * 6

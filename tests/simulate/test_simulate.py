@@ -12,7 +12,7 @@ from envpred.drives.kitti import KittiDrive
 from envpred.mapping.geometry import FREE, GridSpec
 from envpred.mapping.ground import MarkovRandomField
 from envpred.mapping.label_grid import RayCasting
-from envpred.simulate import classes, tracklets
+from envpred.simulate import classes
 from envpred.simulate.ego import SENSOR_HEIGHT
 from envpred.simulate.realism import figures, realism
 from envpred.simulate.run import simulate
@@ -123,12 +123,12 @@ def test_the_points_of_an_object_lie_in_its_box(drives: list[KittiDrive]) -> Non
     """Cars, people, cyclists, still or moving: nearly all their points lie in a box that holds few others' points."""
     objects = [classes.CAR, classes.PERSON, classes.BICYCLIST, classes.TRUCK, classes.BICYCLE, *classes.MOVING]
     for drive in drives:
-        boxes = tracklets.read(drive.folder / "tracklet_labels.xml")
+        boxes = drive.tracklets()
         for k in (0, FRAMES // 2, FRAMES - 1):
             points, words = drive.scan(k), words_of(drive, k)
             inside = np.zeros(len(points), bool)
             for box in boxes:
-                if box.first <= k < box.first + len(box.poses):
+                if k in box.frames:
                     inside |= box.contains(k, points, margin=0.12)
             is_object = np.isin(classes.semantic(words), objects)
             assert is_object.sum() > 20
@@ -140,7 +140,7 @@ def test_the_points_of_an_object_lie_in_its_box(drives: list[KittiDrive]) -> Non
 def test_boxes_of_parked_cars_stand_still_in_the_world(drives: list[KittiDrive]) -> None:
     for drive in drives:
         sensor = drive.poses @ drive.sensor_to_body()
-        for box in tracklets.read(drive.folder / "tracklet_labels.xml"):
+        for box in drive.tracklets():
             places = np.array([(sensor[box.first + j] @ [*p[:3], 1])[:3] for j, p in enumerate(box.poses)])
             assert np.hypot(*np.diff(places[:, :2], axis=0).T).max(initial=0) < 2.0  # nobody faster than 20 m/s
             if box.kind == "Misc":  # parked bicycles
@@ -152,7 +152,7 @@ def test_moving_and_standing_classes_follow_the_boxes_speed(drives: list[KittiDr
     judged = 0
     for drive in drives:
         sensor = drive.poses @ drive.sensor_to_body()
-        boxes = [b for b in tracklets.read(drive.folder / "tracklet_labels.xml") if b.kind == "Car"]
+        boxes = [b for b in drive.tracklets() if b.kind == "Car"]
         for k in (2, 5):
             points, words = drive.scan(k), words_of(drive, k)
             for number in np.unique(classes.instance(words))[1:]:
