@@ -16,6 +16,8 @@ from tqdm import tqdm
 from envpred.build.every import thinned
 from envpred.build.glances import Glances
 from envpred.build.jobs import run_jobs, say
+from envpred.build.moving import PARAMETERS as MOVING
+from envpred.build.moving import add_moving
 from envpred.drives import Drive, find_drives
 from envpred.drives.plausible import oddities
 from envpred.errors import UserError
@@ -38,6 +40,7 @@ def build(
     force: bool = False,
     context: int | None = None,
     reader: str | None = None,
+    tracklets: bool = True,
 ) -> None:
     """Map every drive under `source` that the store does not hold yet.
 
@@ -51,6 +54,7 @@ def build(
         force: map again what is there, also with other parameters.
         context: cells of a wider grid that is mapped beside the judged one, and added to drives that lack it.
         reader: the only reader that is asked for drives, as module.function; by default all are.
+        tracklets: say which cells move, too, of drives with boxes of tracked objects.
 
     Raises:
         UserError: if drives fail (after the others are done), or the store does not fit, or is not apart from the
@@ -68,8 +72,11 @@ def build(
     keys = {"mapping": target.claim("mapping", parameters.as_dict(), force=force)}
     if context is not None:
         keys["context"] = target.claim("context", {"cells": context}, force=force)
+    with_boxes = {drive.name for drive in found if tracklets and drive.has_tracklets}
+    moving = {"moving": target.claim("moving", MOVING, force=force)} if with_boxes else {}
     sweep(store)
-    lacking = {drive.name: keys if force else target.lacking(drive.name, keys) for drive in found}
+    asked = {drive.name: keys | (moving if drive.name in with_boxes else {}) for drive in found}
+    lacking = {name: wanted if force else target.lacking(name, wanted) for name, wanted in asked.items()}
     todo = [drive for drive in found if lacking[drive.name]]
     if not todo:
         say(f"nothing to do: {store} holds {_drives(len(found))} of {source}")
@@ -79,7 +86,7 @@ def build(
     ready, failures = _check(todo)
     ready.sort(key=lambda drive: -len(drive.frames))  # the longest first, so that no worker is left with it at the end
     job = functools.partial(_attempt, store=store.resolve(), parameters=parameters, lacking=lacking, context=context)
-    if ready and not cluster:
+    if any(lacking[drive.name].keys() - moving for drive in ready) and not cluster:
         with ends_at_once():  # the compiler has C callbacks, in which the exception of a Ctrl-C would be lost
             _compile(parameters, context)
     try:
@@ -269,7 +276,12 @@ def _attempt(
     try:
         if not store.is_dir():
             raise UserError(f"{store}: not to be seen from {platform.node()}; give a folder that all workers share")
-        map_drive(drive, store, parameters, lacking[drive.name], context, on_frame)
+        keys = dict(lacking[drive.name])
+        moving = keys.pop("moving", None)
+        if keys:
+            map_drive(drive, store, parameters, keys, context, on_frame)
+        if moving is not None:
+            add_moving(drive, store, moving, (lambda: None) if keys else on_frame)
     except UserError as error:
         return str(error)
     except OSError as error:

@@ -32,6 +32,7 @@ def grids(
     every: int = 1,
     context: int | None = None,
     reader: str | None = None,
+    tracklets: bool = True,
     workers: int | None = None,
     cluster: str | None = None,
     force: bool = False,
@@ -55,6 +56,7 @@ def grids(
         every: map every so many scans alone: 2 makes 10 Hz of a drive of 20 Hz.
         context: cells of a wider grid that is mapped beside the one that is judged, and added to drives that lack it.
         reader: module.function of a reader of your own, in a file in the current folder; by default all are asked.
+        tracklets: say which cells move, too, of drives with boxes of tracked objects (tracklet_labels.xml).
         workers: local processes; by default one a core.
         cluster: address of a Dask scheduler that works instead of local processes.
         force: build again what is there, also with other parameters.
@@ -73,7 +75,7 @@ def grids(
             check_device(device)
     if source is not None:
         parameters = MappingParameters(grid, ground, rays, evidence, sensor, every)
-        build(source, store, parameters, drives, workers, cluster, force, context, reader)
+        build(source, store, parameters, drives, workers, cluster, force, context, reader, tracklets)
     elif not dogma or context is not None:
         raise UserError("give the folder with the drives as --source; velocities alone (--dogma) need none")
     if dogma:

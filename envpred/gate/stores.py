@@ -22,6 +22,7 @@ AXES: dict[str, tuple[str, tuple[int | str, ...]]] = {
     "velocity": ("f", ("T", 2, "H", "H")),
     "velocity_cov": ("f", ("T", 3, "H", "H")),
     "particle_forecast": ("u", ("T", "horizons", "H", "H")),
+    "moving": ("u", ("T", "H", "H")),
 }
 
 

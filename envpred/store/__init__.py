@@ -8,9 +8,9 @@
     store/<drive>/<array>.npy        (<array>.1.npy after the array was built again: the manifest knows)
 
 A group is what one step makes with one set of parameters: `mapping` the label grids and evidence, `context` those of a
-wider grid, `dogma` the velocities (`groups.GROUPS`).  A new drive appears by one rename; a further group, or a drive
-built again, by one replaced manifest, which alone says what is valid.  So whatever is interrupted leaves a complete
-drive or none.
+wider grid, `dogma` the velocities, `moving` what moves by boxes of tracked objects (`groups.GROUPS`).  A new drive
+appears by one rename; a further group, or a drive built again, by one replaced manifest, which alone says what is
+valid.  So whatever is interrupted leaves a complete drive or none.
 """
 
 from envpred.store.checked import check_content

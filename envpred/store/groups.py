@@ -25,6 +25,7 @@ GROUPS = {
     "mapping": Group(("label", "evidence", "centre_cell", "pose", "time"), "envpred.build.grids", SOURCE),
     "context": Group(("context_label", "context_evidence"), "envpred.build.grids", f"{SOURCE} --context 256"),
     "dogma": Group(("velocity", "velocity_cov", "particle_forecast"), "envpred.build.dogma", "--dogma"),
+    "moving": Group(("moving",), "envpred.build.moving", SOURCE),
 }
 # What makes an array that its group's command leaves out.
 OPTIONS = {"particle_forecast": "--particle_forecast all"}

@@ -7,16 +7,21 @@ import numpy as np
 import pykitti
 import pytest
 
+from envpred.build.grids import map_drive
+from envpred.build.moving import add_moving
 from envpred.drives import find_drives
 from envpred.drives.kitti import KittiDrive
+from envpred.mapping.boxes import MOVES, STANDS
 from envpred.mapping.geometry import FREE, GridSpec
 from envpred.mapping.ground import MarkovRandomField
 from envpred.mapping.label_grid import RayCasting
+from envpred.mapping.mapper import MappingParameters
 from envpred.simulate import classes
 from envpred.simulate.ego import SENSOR_HEIGHT
 from envpred.simulate.realism import figures, realism
 from envpred.simulate.run import simulate
 from envpred.simulate.writer import DATE, drive_name
+from envpred.store import Store, StoredDrive
 
 DRIVES, FRAMES = 3, 8
 
@@ -185,6 +190,29 @@ def test_free_cells_hold_no_object(drives: list[KittiDrive]) -> None:
         cells = np.unique(cells[((cells >= 0) & (cells < spec.cells)).all(axis=1)], axis=0)
         assert (grid[cells[:, 0], cells[:, 1]] == FREE).sum() < 0.005 * (grid == FREE).sum()
         assert (grid == FREE).mean() > 0.05
+
+
+def test_cells_move_by_the_boxes_where_points_move_by_their_class(drives: list[KittiDrive], tmp_path: Path) -> None:
+    """Boxes know nothing of the points' classes, nor these of the speed that is asked of boxes."""
+    store, found = Store(tmp_path), {MOVES: 0, STANDS: 0}
+    parameters = MappingParameters(GridSpec(256, 0.5))  # traffic is not always near
+    keys = {"mapping": store.claim("mapping", parameters.as_dict())}
+    for drive in drives:
+        map_drive(drive, tmp_path, parameters, keys)
+        add_moving(drive, tmp_path, store.claim("moving", {}))
+        stored = StoredDrive(tmp_path / drive.name)
+        sensor = drive.poses @ drive.sensor_to_body()
+        for k in (0, FRAMES - 1):
+            points, words = drive.scan(k), classes.semantic(words_of(drive, k))
+            world = points[:, :3] @ sensor[k, :3, :3].T + sensor[k, :3, 3]
+            cells = stored.grid.cell_of(world, stored.origin) - stored.array("centre_cell")[k] + stored.grid.half
+            within = ((cells >= 0) & (cells < stored.grid.cells)).all(axis=1)
+            codes = stored.array("moving")[k][tuple(cells[within].T)]
+            for code, kinds in {MOVES: classes.MOVING, STANDS: (classes.CAR, classes.BICYCLE)}.items():
+                mine = codes[np.isin(words[within], kinds)]
+                assert (mine == code).sum() >= 0.97 * len(mine), (drive.name, k, code, np.bincount(mine))
+                found[code] += len(mine)
+    assert min(found.values()) > 100, found
 
 
 @pytest.mark.slow

@@ -1,6 +1,7 @@
 """A tiny store of grids, written without any drive, for tests of what reads stores."""
 
 import itertools
+from collections.abc import Collection
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -9,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from envpred.mapping import evidence
+from envpred.mapping.boxes import MOVES, NO_BOX
 from envpred.mapping.evidence import pignistic
 from envpred.mapping.geometry import EGO, FREE, OCCUPIED, PAPER_SENSOR_OFFSET, Body
 from envpred.store import DriveWriter, Store
@@ -24,6 +26,7 @@ def write_store(
     context: int | None = None,
     period: float = 0.1,
     frame: str = "ego",
+    moving: Collection[str] = (),
 ) -> Path:
     """A store whose `drives` have the given frame numbers: a box moves through free space, the ego drives east.
 
@@ -37,6 +40,7 @@ def write_store(
         context: cells of the wide grid, whose outer cells are free but for a wall at its eastern border.
         period: seconds between frames.
         frame: that velocities are said to be relative to.
+        moving: names of the drives that say where the box is, one that moves.
     """
     random = np.random.default_rng(seed)
     key = Store(folder).claim("mapping", parameters or {"cells": cells, "evidence": asdict(evidence.PAPER)})
@@ -73,12 +77,16 @@ def write_store(
             "pose": pose,
             "time": period * np.arange(T),
         }
-        moving = np.zeros((T, 2, cells, cells), np.float16)
-        moving[:, 0][labels == OCCUPIED] = speed / 3 / period  # m/s
+        velocity = np.zeros((T, 2, cells, cells), np.float16)
+        velocity[:, 0][labels == OCCUPIED] = speed / 3 / period  # m/s
         covariance = np.zeros((T, 3, cells, cells), np.float16)
         covariance[:, [0, 2]] = 0.25
         ahead = np.repeat((255 * pignistic(mass)).astype(np.uint8)[:, None], 15, axis=1)
-        dynamic: dict[str, NDArray[Any]] = {"velocity": moving, "velocity_cov": covariance, "particle_forecast": ahead}
+        dynamic: dict[str, NDArray[Any]] = {
+            "velocity": velocity,
+            "velocity_cov": covariance,
+            "particle_forecast": ahead,
+        }
         with DriveWriter(folder, name, "mapping", key, about) as out:
             for array, values in arrays.items():
                 out.add(array, values.dtype, values.shape).extend(values)
@@ -96,4 +104,8 @@ def write_store(
             with DriveWriter(folder, name, "dogma", moved, {}) as out:
                 for array, values in dynamic.items():
                     out.add(array, values.dtype, values.shape).extend(values)
+        if name in moving:
+            box = np.where(labels == OCCUPIED, MOVES, NO_BOX).astype(np.uint8)
+            with DriveWriter(folder, name, "moving", Store(folder).claim("moving", {"slowest": 0.5}), {}) as out:
+                out.add("moving", box.dtype, box.shape).extend(box)
     return folder

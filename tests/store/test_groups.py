@@ -16,7 +16,8 @@ from tests.store.stores import write_store
 
 @pytest.fixture
 def store(tmp_path: Path) -> Path:
-    return write_store(tmp_path / "grids", {"a": [0, 1, 2], "b": [0, 1]}, cells=8, dogma=True, context=16)
+    drives = {"a": [0, 1, 2], "b": [0, 1]}
+    return write_store(tmp_path / "grids", drives, cells=8, dogma=True, context=16, moving="ab")
 
 
 def test_the_table_says_which_group_an_array_is_of(store: Path) -> None:
