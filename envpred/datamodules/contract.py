@@ -58,6 +58,7 @@ class Future(TypedDict):
     label: Tensor  # (B, N, H, W) uint8
     centre_cell: Tensor  # (B, N, 2)
     pose: Tensor  # (B, N, 3)
+    moving: NotRequired[Tensor]  # (B, N, H, W) uint8 of `envpred.mapping.boxes`, where boxes say what moves
 
 
 class WindowBatch(TypedDict):

@@ -10,7 +10,7 @@ from lightning.pytorch.utilities import rank_zero_info
 from torch.utils.data import DataLoader
 
 from envpred.datamodules.contract import Needs
-from envpred.datamodules.selection import Selection, select, split_drives, usable_drives, warnings_of
+from envpred.datamodules.selection import Selection, movers_of, select, split_drives, told, usable_drives, warnings_of
 from envpred.datamodules.variants import variant as variant_of
 from envpred.datamodules.windows import (
     CONTEXT,
@@ -56,6 +56,8 @@ class GridDataModule(LightningDataModule):
         num_workers: processes that read ahead; reading a window takes a millisecond or two, so none is usually best.
         seed: of the random windows.
         stride: take every so many-th frame of the store: 2 makes 10 Hz of a drive of 20 Hz.
+        movers: what says which cells of the test windows move: tracklets, a comparison of labels, or auto for tracklets
+            where all test drives have them.
         predict: windows that are predicted: the test windows; or, of the drives named as `test`, by default of all, the
             newest `given` frames of each, or all, one after every frame that is the last of `given` without a gap.
     """
@@ -79,6 +81,7 @@ class GridDataModule(LightningDataModule):
         seed: int = 0,
         predict: Literal["test", "newest", "all"] = "test",
         stride: int = 1,
+        movers: Literal["auto", "tracklets", "labels"] = "auto",
     ) -> None:
         super().__init__()
         if given < 1 or (length is not None and given >= length):
@@ -93,7 +96,7 @@ class GridDataModule(LightningDataModule):
         self.asked = {"train": train, "val": val, "test": test}
         self.asked_length, self.given, self.samples, self.val_windows = length, given, samples, val_windows
         self.batch_size, self.augment, self.num_workers, self.seed = batch_size, augment, num_workers, seed
-        self.predict, self.crop, self.stride = predict, crop, stride
+        self.predict, self.crop, self.stride, self.movers = predict, crop, stride, movers
         self.view = variant_of(variant)
         self.selected: dict[str, list[Selection]] = {}
         self.datasets: dict[str, WindowDataset] = {}
@@ -112,15 +115,11 @@ class GridDataModule(LightningDataModule):
         fresh = [part for part in needed if part not in self.datasets]
         for part in fresh:
             crop = self.crop if part == "train" else None
-            horizons = self._frames(part) - self.given
+            horizons, tracked = self._frames(part) - self.given, "moving" in self._arrays(part)
             self.datasets[part] = WindowDataset(
-                self._places(part), self.view, self.given, horizons, self.needs, crop, self.stride
+                self._places(part), self.view, self.given, horizons, self.needs, crop, self.stride, tracked
             )
-            names = [str(selection) for selection in self._selected(part)]
-            told = ", ".join(names) if len(names) <= 8 else f"{len(names)} drives, {names[0]} to {names[-1]}"
-            rank_zero_info(f"{part}: {len(self.datasets[part])} windows of {told}")
-            for lines in warnings_of(self._selected(part)).values():
-                rank_zero_info("\n".join(f"warning: {line}" for line in lines))
+            rank_zero_info(told(part, len(self.datasets[part]), self._selected(part)))
         if fresh and not math.isclose(self.period, PERIOD):  # at another rate, how far ahead that is must be said
             ahead = self.horizons * self.period
             rank_zero_info(f"{self.horizons} forecasts {self.period:.3g} s apart, the last {ahead:.3g} s ahead")
@@ -193,12 +192,12 @@ class GridDataModule(LightningDataModule):
         """What a result was measured on: split, drives, windows and hashes of their content.
 
         `store_hash` is of what is judged, the same for all variants; `input_hash` of each array that is read beside it,
-        by the variant or because the forecaster needs it.
+        by the variant, because the forecaster needs it, or to say what moves.
         """
         return {
             "store": self.store.name,
             "store_hash": self.content_hash(part, ["evidence"]),
-            "input_hash": {name: self.content_hash(part, [name]) for name in self._arrays() if name != "evidence"},
+            "input_hash": {name: self.content_hash(part, [name]) for name in self._arrays(part) if name != "evidence"},
             "variant": self.variant,
             "split": "custom" if any(self.asked.values()) else self.split,
             "part": part,
@@ -208,6 +207,7 @@ class GridDataModule(LightningDataModule):
             "length": self.length,
             "given": self.given,
             "stride": self.stride,
+            "movers": movers_of(self._selected(part), self.movers) if part == "test" else None,
             **self.grids(),
             "windows": [[place.drive.name, place.start] for place in self.datasets[part].places],
         }
@@ -244,9 +244,11 @@ class GridDataModule(LightningDataModule):
             **options,
         )
 
-    def _arrays(self) -> list[str]:
-        """Names of the stored arrays that are read beside those of every drive, in order."""
+    def _arrays(self, part: str) -> list[str]:
+        """Names of the stored arrays that are read for `part` beside those of every drive, in order."""
         names = {*self.view.arrays, *self.needs.arrays}
+        if part == "test" and movers_of(self._selected(part), self.movers) == "tracklets":
+            names.add("moving")
         if self.needs.context:
             names |= {f"{CONTEXT}label", f"{CONTEXT}evidence"}
         return sorted(names - {"label", "centre_cell", "pose", "time"})
@@ -276,8 +278,8 @@ class GridDataModule(LightningDataModule):
         if not selections:
             raise UserError(f"the split {self.split!r} leaves no drive to {part}; name some with {argument}")
         # What is read must be there, and made with what the store says; else a line names the command that mends it.
-        Store(self.store).check([selection.drive.name for selection in selections], self._arrays())
-        check_content(self.store, [selection.drive for selection in selections], [*MAPPING_ARRAYS, *self._arrays()])
+        Store(self.store).check([selection.drive.name for selection in selections], self._arrays(part))
+        check_content(self.store, [selection.drive for selection in selections], [*MAPPING_ARRAYS, *self._arrays(part)])
         if part == "train" or length < self.length:
             places = every_window(selections, length, self.stride)
         else:

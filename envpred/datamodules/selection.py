@@ -4,7 +4,7 @@ A selection is a drive's name, or `name@start-stop` for the frames at positions 
 be left out.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
@@ -80,6 +80,27 @@ def select(items: list[str], drives: dict[str, StoredDrive]) -> list[Selection]:
 def warnings_of(selections: Iterable[Selection]) -> dict[str, list[str]]:
     """What was odd about the recordings of `selections`, a line each, by drive; drives without are left out."""
     return {chosen.drive.name: chosen.drive.warnings for chosen in selections if chosen.drive.warnings}
+
+
+def told(part: str, windows: int, selections: Sequence[Selection]) -> str:
+    """How many `windows` a `part` has of which drives (of more than eight the first and the last), in a line.
+
+    What was odd about the recordings follows, a line each.
+    """
+    names = [str(selection) for selection in selections]
+    which = ", ".join(names) if len(names) <= 8 else f"{len(names)} drives, {names[0]} to {names[-1]}"
+    odd = [f"warning: {line}" for lines in warnings_of(selections).values() for line in lines]
+    return "\n".join([f"{part}: {windows} windows of {which}", *odd])
+
+
+def movers_of(selections: Iterable[Selection], asked: str) -> str:
+    """What says which cells of `selections` move: what is asked, or for `auto` tracklets if all drives have them.
+
+    One for all: what they call moving differs, so that a mean over both would be one of neither.
+    """
+    if asked != "auto":
+        return asked
+    return "tracklets" if all(selection.drive.has("moving") for selection in selections) else "labels"
 
 
 def preset(name: str, drives: dict[str, StoredDrive]) -> Split:

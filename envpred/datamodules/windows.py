@@ -61,6 +61,7 @@ class WindowDataset(Dataset[Window]):
         needs: what is read beside the variant.
         crop: cut out a square of so many cells a side, the same of every frame.
         stride: take every so many-th frame.
+        tracked: tell what moves in the frames to be forecast, by boxes of tracked objects.
     """
 
     def __init__(
@@ -72,9 +73,10 @@ class WindowDataset(Dataset[Window]):
         needs: Needs | None = None,
         crop: int | None = None,
         stride: int = 1,
+        tracked: bool = False,
     ) -> None:
         self.places, self.variant, self.given, self.horizons = places, variant, given, horizons
-        self.needs, self.crop, self.stride = needs or Needs(), crop, stride
+        self.needs, self.crop, self.stride, self.tracked = needs or Needs(), crop, stride, tracked
 
     def __len__(self) -> int:
         return len(self.places)
@@ -94,6 +96,9 @@ class WindowDataset(Dataset[Window]):
         if self.needs.context:
             seen |= self._context(place, transform)
         future = {name: _tensor(whole[name][given:]) for name in FUTURE} if self.horizons else None
+        if self.tracked and future is not None:
+            moving = self._read(place, "moving", given + self.horizons)[given:]
+            future["moving"] = _tensor(transform.stored(moving))
         if self.needs.future_pose and future is not None:
             seen |= {f"future_{name}": future[name].clone() for name in ("pose", "centre_cell")}
         return Window(

@@ -40,6 +40,7 @@ class Data(Struct):
     split: Line
     window_rule: Line
     resolution: Length
+    movers: Literal["tracklets", "labels"]
     warnings: dict[Line, list[Line]] = {}
 
 

@@ -62,11 +62,17 @@ def moving_cells(
 
     Args: as `arrivals`.
     """
-    around = 2 * round(MARGIN / resolution) + 1
     found = np.zeros((len(occupancy) - first, *occupancy.shape[1:]), np.bool_)
     for cells, frame in zip(found, range(first, len(occupancy)), strict=True):
         for place in arrivals(occupancy, centre_cell, frame, resolution, period):
             cells[tuple(place.T)] = True
-        if cells.any():
-            cells[:] = ndimage.maximum_filter(cells, around, mode="constant")
+    return around(found, resolution)
+
+
+def around(cells: NDArray[np.bool_], resolution: float) -> NDArray[np.bool_]:
+    """The cells within MARGIN, in either axis, of `cells` (T, H, W)."""
+    side = 2 * round(MARGIN / resolution) + 1
+    found = np.zeros_like(cells)
+    for t in np.flatnonzero(cells.any(axis=(1, 2))):
+        found[t] = ndimage.maximum_filter(cells[t], side, mode="constant")
     return found

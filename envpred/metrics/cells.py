@@ -1,10 +1,10 @@
 """A score of every cell, averaged over all cells of a grid and over those of each kind.
 
 Changed and static cells were measured both in the last frame shown and in the target's, at the same place in the world:
-occupied in one of the two alone, or the same in both.  Moving ones lie around what has moved.  All three are chosen by
-what happened: there even a calibrated forecast looks too sure of what was likely (the forecaster's dilemma, Lerch et
-al. 2017), so such numbers compare forecasts and judge none.  Entering cells follow from where the ego went, whatever
-was found in them.
+occupied in one of the two alone, or the same in both.  Moving ones lie around what boxes of tracked objects say to move
+where there are any, else around what has moved.  All three are chosen by what happened: there even a calibrated
+forecast looks too sure of what was likely (the forecaster's dilemma, Lerch et al. 2017), so such numbers compare
+forecasts and judge none.  Entering cells follow from where the ego went, whatever was found in them.
 """
 
 from abc import abstractmethod

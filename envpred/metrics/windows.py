@@ -25,7 +25,7 @@ class Judged(NamedTuple):
         label: (B, N, H, W) uint8 codes of what was measured in the target frames; unknown where it is not told.
         changed: (B, N, H, W) cells measured in the last frame shown and in the target's, occupied in one of them; none
             where it is not told, here and below.
-        static: (B, N, H, W) cells measured in both, and the same.
+        static: (B, N, H, W) cells measured in both, and the same; where boxes say what moves, apart from that.
         moving: (B, N, H, W) cells around what moves.
         entering: (B, N, H, W) cells that the last grid shown does not cover.
         mass: (B, N, H, W) the target's mass of occupied; NaN where it is not told.

@@ -21,7 +21,7 @@ ROUNDING = 1e-4  # relative; the same numbers summed on another device
 
 
 def check_comparable(runs: Sequence[Run], same_inputs: bool = True) -> None:
-    """Refuse runs that were not measured on the same windows of the same grids, or that read other velocities.
+    """Refuse runs not measured on the same windows and moving cells of the same grids, or that read other velocities.
 
     With `same_inputs` False an array beside what is judged may differ.
 
@@ -48,7 +48,13 @@ def _check_inputs(runs: Sequence[Run]) -> None:
 
 
 def _check_windows(first: Run, other: Run) -> None:
-    """Refuse two runs that were not measured on the same windows of the same grids."""
+    """Refuse two runs that were not measured on the same windows of the same grids, or judge other cells as moving."""
+    here, there = first.data["movers"], other.data["movers"]
+    if here != there:
+        raise UserError(
+            f"{other.file}: takes for moving what {there} say, {first.file} what {here} say, so that their numbers are "
+            "of other cells; run `envpred test --data.movers labels` again for both"
+        )
     for key, what in SAME_DATA.items():
         here, there = first.data.get(key), other.data.get(key)
         if here != there:

@@ -25,6 +25,12 @@ SCORES = {
     "ece": "calibration error",
 }
 
+# What moving cells are, by what says so.
+MOVERS = {
+    "labels": "Moving ones lie within a metre of what has moved, within half a second, into a place that was free.",
+    "tracklets": "Moving ones lie within a metre of boxes of tracked objects that move over ground, static ones not.",
+}
+
 
 def has_samples(run: Run) -> bool:
     """Whether the spread of the run's forecasts is known."""
@@ -63,8 +69,8 @@ def cells_table(runs: Sequence[Run]) -> Table | None:
     caption = (
         f"At {heads(runs[0])[-1]}, {measured_on(runs[0])}; MSE and CRPS × 10⁻³, lower is better but for spread / "
         "skill, best at 1. Changed and static cells were measured both in the last frame shown and then, at the same "
-        "place in the world: occupied in one of the two alone, or the same in both. Moving ones lie within a metre of "
-        "what has moved within half a second, entering ones are not covered by the last grid shown. All but these are "
+        "place in the world: occupied in one of the two alone, or the same in both. "
+        f"{MOVERS[runs[0].data['movers']]} Entering ones are not covered by the last grid shown. All but these are "
         "chosen by what happened, where a calibrated forecast looks too sure: their numbers compare methods, and judge "
         "none. Brier score and calibration error are over the cells measured in the target's frame. "
         f"CRPS of a forecast without samples is its absolute error.{oracle_note(oracles(runs))}"

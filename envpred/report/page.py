@@ -139,6 +139,7 @@ def measured_data(run: Run) -> str:
         f"{in_seconds(run.horizon_s[-1])} ahead)",
         **({"cells": f"{data['resolution']:.3g} m wide"} if "resolution" in data else {}),
         "split": str(data.get("split")),
+        "moving cells": f"by {data['movers']}",
         "hash of the grids": str(data.get("store_hash")),
         **{f"warnings about {drive}": "; ".join(lines) for drive, lines in data.get("warnings", {}).items()},
     }

@@ -11,7 +11,7 @@ from envpred.gate import read_json
 from envpred.gate.runs import Result
 from envpred.store.files import write_json
 
-FORMAT = 3
+FORMAT = 4
 RESULT = "result.json"
 # Beside a new result the old one would still be found.
 AGAIN = "delete it and run `envpred test` again"

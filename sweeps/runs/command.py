@@ -12,7 +12,7 @@ from envpred.errors import UserError
 from envpred.interrupts import ends_at_once, exit_code, raised
 
 # Arguments of the data that decide which windows are judged; runs that differ here cannot be compared.
-FIXED = ("store", "variant", "split", "train", "val", "test", "length", "given", "val_windows", "stride")
+FIXED = ("store", "variant", "split", "train", "val", "test", "length", "given", "val_windows", "stride", "movers")
 
 
 def say(line: str) -> None:

@@ -4,6 +4,7 @@ import numpy as np
 import torch
 
 from envpred.datamodules import WindowBatch
+from envpred.mapping.boxes import MOVES, STANDS
 from envpred.mapping.geometry import EGO, FREE, OCCUPIED, UNKNOWN
 from envpred.models.kinds import kinds_of
 from tests.models.trainers import seen
@@ -59,3 +60,22 @@ def test_what_has_changed_by_hand() -> None:
     elsewhere[:, 38, 41 : 41 + len(codes)] = True
     assert (elsewhere == ~found["entering"][1]).all()
     assert not (found["changed"] & found["static"]).any()
+
+
+def test_boxes_say_what_moves_where_there_are_any() -> None:
+    """Three cells around a box that moves, and none around one that stands, or what labels alone take for moving."""
+    tracked, compared = (batch(torch.tensor([[70, 80]] * 56)) for _ in range(2))
+    assert tracked["future"] is not None
+    boxes = torch.zeros_like(tracked["future"]["label"])
+    boxes[1, 2, 30:32, 20] = MOVES
+    boxes[1, 2, 50:54, 40] = STANDS
+    tracked["future"]["moving"] = boxes
+    found, without = kinds_of(tracked), kinds_of(compared)
+    around = torch.zeros_like(found["moving"])
+    around[1, 2, 27:35, 17:24] = True
+    assert (found["moving"] == around).all()
+    assert without["moving"].any()
+    assert (found["static"] == without["static"] & ~around).all()
+    assert (without["static"] & around).any()
+    for kind in ("changed", "entering"):
+        assert (found[kind] == without[kind]).all()

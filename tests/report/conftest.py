@@ -95,6 +95,7 @@ def record(kind: Kind, variant: str, level: float, seed: int = 0) -> dict[str, A
             "length": 20,
             "window_rule": "windows of 20 frames in order, no overlap",
             "resolution": 1 / 3,
+            "movers": "labels",
             "period": 0.1,
             "context": None,
         },

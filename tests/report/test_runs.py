@@ -175,7 +175,7 @@ def cut_diagram(record: Record) -> None:
 
 
 PARTIAL: dict[str, Callable[[Record], object]] = {
-    "format 2, this version reads 3": lambda r: r.update(format=2),
+    "format 3, this version reads 4": lambda r: r.update(format=3),
     "partial, mse has 12 of the 30 windows": drop_windows,
     "partial, iou has 4 of the 15 horizons": drop_horizons,
     "damaged, the mean of mse": change_mean,
