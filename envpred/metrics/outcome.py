@@ -4,6 +4,7 @@ import torch
 from torch import Tensor
 
 from envpred.mapping.geometry import EGO, FREE, OCCUPIED
+from envpred.metrics.windows import HorizonMetric
 
 CODES = EGO + 1
 
@@ -38,3 +39,12 @@ def histograms(place: Tensor, label: Tensor, bins: int, weights: Tensor | None =
 def as_float(cells: Tensor) -> Tensor:
     """1 where there is a cell, else 0; torch turns bytes into float32 ten times as fast as it does bool."""
     return cells.view(torch.uint8).float()
+
+
+class OutcomeMetric(HorizonMetric):
+    """Base of what is the better the higher it is, of what was measured; where it is not defined does not count."""
+
+    direction = "higher"
+    higher_is_better = True
+    skip_undefined = True
+    needs_label = True

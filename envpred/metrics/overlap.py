@@ -2,8 +2,8 @@
 
 from torch import Tensor
 
-from envpred.metrics.outcome import measured, occupied
-from envpred.metrics.windows import HorizonMetric, Judged
+from envpred.metrics.outcome import OutcomeMetric, measured, occupied
+from envpred.metrics.windows import Judged
 
 EVEN = 0.5  # who forecasts more than this says occupied
 
@@ -14,14 +14,7 @@ def overlap(forecast: Tensor, label: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     return (said & was).sum((-2, -1)), said.sum((-2, -1)), was.sum((-2, -1))
 
 
-class _Overlap(HorizonMetric):
-    direction = "higher"
-    higher_is_better = True
-    skip_undefined = True
-    needs_label = True
-
-
-class IoU(_Overlap):
+class IoU(OutcomeMetric):
     """Intersection over union of the occupied cells (Jaccard index) at 0.5, of those measured in the target frame.
 
     A window without any does not count.
@@ -43,7 +36,7 @@ class IoU(_Overlap):
         return both / (said + was - both)
 
 
-class Precision(_Overlap):
+class Precision(OutcomeMetric):
     """Share of the measured cells forecast as occupied that were; a window where none is forecast does not count.
 
     >>> import torch
@@ -62,7 +55,7 @@ class Precision(_Overlap):
         return both / said
 
 
-class Recall(_Overlap):
+class Recall(OutcomeMetric):
     """Share of the cells measured to be occupied that were forecast as such; a window without any does not count.
 
     >>> import torch

@@ -3,8 +3,8 @@
 import torch
 from torch import Tensor
 
-from envpred.metrics.outcome import histograms
-from envpred.metrics.windows import HorizonMetric, Judged
+from envpred.metrics.outcome import OutcomeMetric, histograms
+from envpred.metrics.windows import Judged
 
 THRESHOLDS = 100
 
@@ -35,7 +35,7 @@ def _at_thresholds(counts: Tensor) -> Tensor:
     return torch.cat([counts.flip(-1).cumsum(-1).flip(-1), torch.zeros_like(counts[..., :1])], dim=-1)
 
 
-class PrAuc(HorizonMetric):
+class PrAuc(OutcomeMetric):
     """Area under the precision-recall curve (Mahjourian et al. 2022); by chance it is the share of occupied cells.
 
     >>> import torch
@@ -47,10 +47,6 @@ class PrAuc(HorizonMetric):
     """
 
     title = "Precision-recall area"
-    direction = "higher"
-    higher_is_better = True
-    skip_undefined = True
-    needs_label = True
     rewards = "Rewards ranking occupied cells first, whatever the numbers; easy free cells do not lift it."
 
     def judge(self, judged: Judged) -> Tensor:

@@ -4,8 +4,8 @@ from typing import Any
 
 from torch import Tensor
 
-from envpred.metrics.outcome import histograms
-from envpred.metrics.windows import HorizonMetric, Judged
+from envpred.metrics.outcome import OutcomeMetric, histograms
+from envpred.metrics.windows import Judged
 
 
 def roc_auc(forecast: Tensor, label: Tensor, bins: int = 1000) -> Tensor:
@@ -20,7 +20,7 @@ def roc_auc(forecast: Tensor, label: Tensor, bins: int = 1000) -> Tensor:
     return ((full * below).sum(-1) / (full.sum(-1) * free.sum(-1))).float()
 
 
-class RocAuc(HorizonMetric):
+class RocAuc(OutcomeMetric):
     """Area under the ROC curve of each window and horizon (Hanley and McNeil 1982); 0.5 is chance, 1 perfect.
 
     >>> import torch
@@ -32,10 +32,6 @@ class RocAuc(HorizonMetric):
     """
 
     title = "ROC area"
-    direction = "higher"
-    higher_is_better = True
-    skip_undefined = True
-    needs_label = True
     rewards = "Rewards ranking occupied cells above free ones, whatever the numbers; the many easy free cells lift it."
 
     def __init__(self, horizons: int = 15, bins: int = 1000, **kwargs: Any) -> None:

@@ -2,8 +2,8 @@
 
 from torch import Tensor
 
-from envpred.metrics.outcome import as_float, measured, occupied
-from envpred.metrics.windows import HorizonMetric, Judged
+from envpred.metrics.outcome import OutcomeMetric, as_float, measured, occupied
+from envpred.metrics.windows import Judged
 
 
 def soft_iou(forecast: Tensor, label: Tensor) -> Tensor:
@@ -16,7 +16,7 @@ def soft_iou(forecast: Tensor, label: Tensor) -> Tensor:
     return both / (said + full.sum((-2, -1)) - both)
 
 
-class SoftIoU(HorizonMetric):
+class SoftIoU(OutcomeMetric):
     """Soft IoU of each window and horizon; shown, never selected by, since it rewards overconfidence.
 
     Where half of the cells that look alike are occupied, it is best to say 1 of all of them.
@@ -31,10 +31,6 @@ class SoftIoU(HorizonMetric):
 
     name = "soft_iou"
     title = "Soft IoU"
-    direction = "higher"
-    higher_is_better = True
-    skip_undefined = True
-    needs_label = True
     rewards = "Rewards overconfidence, so that nothing is selected by it: 1 beats the true probability."
 
     def judge(self, judged: Judged) -> Tensor:
