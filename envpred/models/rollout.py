@@ -113,6 +113,11 @@ class RolloutForecaster(Forecaster):
         """Futures (K, horizons, 3) of the ego: x and y in cells of the lattice, heading in radians."""
         return self._drawn(window, horizons, self.hparams["futures"], np.random.default_rng(self.hparams["seed"]))
 
+    def futures(self, seen: Seen, horizons: int) -> Tensor:
+        """The egos (B, K, horizons, 3) that the samples of a forecast go with, as `ego`."""
+        windows = [self._window(seen, b) for b in range(len(seen["pose"]))]
+        return torch.from_numpy(np.stack([self.ego(window, horizons) for window in windows]))
+
     def weights(self, window: Window, futures: FloatArray) -> FloatArray | None:
         """Weights (K, N) of the `futures`, see `ego_motion.cell_weights`; None if all count alike."""
         if len(futures) == 1:
