@@ -18,7 +18,7 @@ ALLOWED: dict[str, set[str]] = {
     "gate": {"errors"},
     "caches": set(),
     "interrupts": set(),
-    "horizons": set(),
+    "horizons": {"errors"},
     "compiled": {"__version__"},
     "networks": {"errors"},
     "metrics": {"mapping.geometry", "compiled", "errors"},
@@ -31,7 +31,10 @@ ALLOWED: dict[str, set[str]] = {
     "results": {"mapping", "store", "horizons", "gate", "errors", "__version__"},
     "pictures": {"mapping", "store", "results", "horizons", "errors"},
     "simulate": {"compiled", "drives", "mapping", "build", "store", "pictures", "gate", "errors"},
-    "live": {"datamodules", "mapping", "errors"},
+    "live": {
+        *("simulate.tracklets", "pictures", "results", "datamodules", "drives", "mapping", "store", "horizons"),
+        *("errors", "__version__"),
+    },
     "callbacks": {
         *("models", "datamodules", "pictures", "results", "metrics", "mapping", "store", "horizons", "gate", "errors"),
     },

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from envpred.drives import one_drive
 from envpred.errors import UserError
-from envpred.horizons import in_seconds
+from envpred.horizons import asked_steps
 from envpred.pictures.animations import scene_animation
 from envpred.pictures.forecasts import Camera, scene_strip
 from envpred.pictures.grids import check_picture, save
@@ -71,7 +71,7 @@ def draw(
         label = method.label if labels.count(method.label) == 1 else f"{method.label}, {n + 1}"
         scenes.append(method.scene(method.windows.index(windows[window]), label))
     scene = together(scenes)
-    steps = None if horizons is None else [_steps(seconds, scene) for seconds in horizons]
+    steps = None if horizons is None else asked_steps(horizons, scene.horizons, scene.period)
     picture = scene_animation(scene) if out.suffix == ".gif" else None
     save(picture or scene_strip(scene, steps, camera_of(scene.drive, source)), out)
     return f"{out}: {scene.where}"
@@ -92,14 +92,6 @@ def _opened(folder: Path, store: Store | None) -> _Method | None:
         keys = [(scene.drive, scene.frames[-1]) for scene in scenes]
         return _Method(folder, run.label, keys, lambda k, label: scenes[k].named(label))
     return None
-
-
-def _steps(seconds: float, scene: Scene) -> int:
-    steps = round(seconds / scene.period)
-    if abs(steps * scene.period - seconds) > 1e-6 or not 1 <= steps <= scene.horizons:
-        period, most = (in_seconds(n * scene.period) for n in (1, scene.horizons))
-        raise UserError(f"--horizons {seconds}: give multiples of {period} up to {most}")
-    return steps
 
 
 def camera_of(drive: str, source: Path | None) -> Camera | None:

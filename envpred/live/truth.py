@@ -1,0 +1,59 @@
+"""What is known of a drive beside its scans: boxes of what is around the ego, and the class of every point."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Self
+from xml.etree.ElementTree import ParseError
+
+import numpy as np
+from numpy.typing import NDArray
+
+from envpred.drives.drive import Drive
+from envpred.drives.kitti import KittiDrive
+from envpred.errors import UserError
+from envpred.simulate import tracklets
+from envpred.simulate.tracklets import Tracklet
+
+
+@dataclass(frozen=True)
+class Truth:
+    """Tracklets and labels of a drive, as far as it has any.
+
+    Args:
+        tracklets: boxes in the sensor frame.
+        labels: folder of SemanticKITTI's words, a file a scan.
+    """
+
+    tracklets: Sequence[Tracklet] = ()
+    labels: Path | None = None
+
+    @classmethod
+    def of(cls, drive: Drive) -> Self:
+        """What there is of `drive`.
+
+        Raises:
+            UserError: if its boxes cannot be read.
+        """
+        if not isinstance(drive, KittiDrive):
+            return cls()
+        boxes, labels = drive.folder / "tracklet_labels.xml", drive.folder / "labels"
+        try:
+            found = tracklets.read(boxes) if boxes.is_file() else []
+        except (ParseError, ValueError):
+            raise UserError(f"{boxes}: no tracklets that can be read; copy it again, or delete it") from None
+        return cls(found, labels if labels.is_dir() else None)
+
+    def classes(self, frame: int, points: int) -> NDArray[np.uint32] | None:
+        """Words (N,) of the points of a frame, class and instance, where they are known.
+
+        Raises:
+            UserError: if there are not as many as `points`.
+        """
+        file = None if self.labels is None else self.labels / f"{frame:010d}.label"
+        if file is None or not file.is_file():
+            return None
+        words = np.fromfile(file, "<u4")
+        if len(words) != points:
+            raise UserError(f"{file}: has {len(words)} labels for {points} points; copy both again, or delete it")
+        return words
