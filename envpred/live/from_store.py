@@ -2,10 +2,9 @@
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
 from envpred.live.occupancy_grid import OccupancyGrid, occupancy_grid
-from envpred.live.placed import LEAST, Grids, PlacedForecast
+from envpred.live.placed import LEAST, Grids, PlacedForecast, within
 from envpred.mapping.ego_motion import EgoMotion, ego_futures, extrapolate
 from envpred.mapping.evidence import pignistic
 from envpred.mapping.geometry import FloatArray, heading_of
@@ -56,13 +55,8 @@ def now_grid(drive: StoredDrive, t: int) -> OccupancyGrid:
 
 def known_mass(drive: StoredDrive, t: int) -> Grids:
     """Evidence (2, H', W') after the frame at position `t`; on the wider grid where the drive has one."""
-    mass: NDArray[np.float32] = np.array(drive.array("evidence")[t], np.float32)
-    if drive.context is None:
-        return mass
-    wide = np.array(drive.array("context_evidence")[t], np.float32)
-    rim = (wide.shape[-1] - mass.shape[-1]) // 2
-    wide[:, rim : rim + mass.shape[-1], rim : rim + mass.shape[-1]] = mass
-    return wide
+    wide = None if drive.context is None else np.array(drive.array("context_evidence")[t], np.float32)
+    return within(np.array(drive.array("evidence")[t], np.float32), wide)
 
 
 def _ego(role: str, pose: FloatArray, times: FloatArray, horizons: int, resolution: float) -> FloatArray:

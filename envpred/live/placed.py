@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from envpred.datamodules import Forecast, Seen
 from envpred.errors import UserError
 from envpred.mapping.ego_motion import EgoMotion, cells_of, ego_futures
+from envpred.mapping.evidence import pignistic
 from envpred.mapping.geometry import UNKNOWN, FloatArray
 from envpred.mapping.rays import mark_ego
 
@@ -101,8 +102,7 @@ class PlacedForecast:
         horizons = forecast.probability.shape[1]
         resolution = float(seen["resolution"])
         (ego,) = ego_futures(pose, times, horizons, 1, np.random.default_rng(0), motion or EgoMotion(), resolution)
-        present = np.asarray(seen["occupancy"][0, -1].cpu(), np.float32)
-        label = np.asarray(seen["label"][0, -1].cpu())
+        present, known = _known(seen)
         east, north, heading = seen["sensor"][0].tolist()
         rear, front, half_width = seen["body"][0].tolist()
         drawn = None if futures is None or forecast.samples is None else np.asarray(forecast.samples[0].cpu())
@@ -110,7 +110,7 @@ class PlacedForecast:
             np.asarray(forecast.probability[0].cpu(), np.float32),
             ego,
             present,
-            (label != UNKNOWN) | (np.abs(present - 0.5) >= LEAST / 2),
+            known,
             pose[-1],
             (east, north, heading),
             (rear, front, half_width),
@@ -172,3 +172,26 @@ class PlacedForecast:
             before[at] = np.where(believed, grid, before[at])
             told[n] = np.where(known[at], before[at], np.nan)
         return told
+
+
+def _known(seen: Seen) -> tuple[Grids, NDArray[np.bool_]]:
+    """Probability of occupied at the last frame shown, and of which cells anything is known (H', W').
+
+    Without evidence, that is where it is not even, or this very frame has measured something.
+    """
+    arrays = {name: np.asarray(array[0, -1].float().cpu(), np.float32) for name, array in seen["arrays"].items()}
+    if "evidence" in arrays:
+        mass = within(arrays["evidence"], arrays.get("context_evidence"))
+        return pignistic(mass), mass.sum(axis=0) >= LEAST
+    present = np.asarray(seen["occupancy"][0, -1].cpu(), np.float32)
+    measured = np.asarray(seen["label"][0, -1].cpu()) != UNKNOWN
+    return present, measured | (np.abs(present - 0.5) >= LEAST / 2)
+
+
+def within(mass: Grids, wide: Grids | None) -> Grids:
+    """Evidence (2, H, W) of the judged grid within that of the wider one (2, W', W'), where there is one."""
+    if wide is None:
+        return mass
+    rim, both = (wide.shape[-1] - mass.shape[-1]) // 2, wide.copy()
+    both[:, rim : rim + mass.shape[-1], rim : rim + mass.shape[-1]] = mass
+    return both

@@ -1,9 +1,18 @@
 """Where forecasts lie, and what is left of the ego that they were made for."""
 
+from typing import cast
+
 import numpy as np
 import pytest
 
-from envpred.live.placed import TRAIL
+from envpred.datamodules import Forecast, Seen
+from envpred.errors import UserError
+from envpred.live.placed import TRAIL, PlacedForecast
+from envpred.live.risk import risk
+from envpred.mapping.geometry import GridSpec
+from envpred.mapping.mapper import Mapper, MappingParameters
+from envpred.models import RolloutForecaster
+from tests.drives.synthetic import motion, scans
 from tests.live.forecasts import HOME, cell, empty, standing
 
 
@@ -43,3 +52,55 @@ def test_grids_and_egos_must_belong_together() -> None:
         standing(empty(3), ego=np.tile(HOME, (2, 1)))
     with pytest.raises(ValueError, match="do not belong together"):
         standing(empty(3), samples=empty(3)[None])
+
+
+@pytest.fixture(scope="module")
+def street() -> tuple[RolloutForecaster, Seen, Mapper]:
+    """A street to the east: five frames at 6.7 m/s, between houses and parked cars 5 to 14 m to either side."""
+    poses = motion(5, speed=20 / 3)
+    forecaster = RolloutForecaster(futures=4, context=False, samples=True).eval()
+    mapper = Mapper(MappingParameters(GridSpec(64)))
+    mapped = [
+        mapper.step(points, pose, t / 10) for t, (points, pose) in enumerate(zip(scans(poses), poses, strict=True))
+    ]
+    return forecaster, forecaster.see(mapper, mapped), mapper
+
+
+def test_a_forecast_of_scans_is_placed_with_its_samples(street: tuple[RolloutForecaster, Seen, Mapper]) -> None:
+    forecaster, seen, mapper = street
+    assert mapper.origin is not None
+    forecast = forecaster.forecast(seen, 10)
+    futures = forecaster.futures(seen, 10)[0].numpy()
+    placed = PlacedForecast.of(forecast, seen, mapper.origin, 0.4, futures)
+    steps = np.diff(np.concatenate([placed.now[None], placed.ego])[:, 0])
+    np.testing.assert_allclose(steps, 2, atol=0.2)
+    assert len(list(placed.sampled())) == 4
+    x, y, heading = *(placed.now[:2] / 3 + mapper.origin), placed.now[2]
+    ahead = np.array([[x, y, heading, 0], [x + 20 / 3, y, heading, 1]])
+    aside = np.array([[x, y, heading, 0], [x + 20 / 3, y + 9, heading + 0.9, 1]])
+    straight, into = risk(ahead, placed), risk(aside, placed)
+    assert straight.samples == into.samples == 4
+    assert straight.most[-1] == 0
+    assert into.most[0] == 0
+    assert into.most[-1] == 1
+    bounds = risk(aside, PlacedForecast.of(forecast, seen, mapper.origin))  # nobody says where its samples lie
+    assert bounds.samples == 0
+    assert bounds.least[-1] > 0.9
+
+
+def test_without_evidence_what_is_even_was_never_seen(street: tuple[RolloutForecaster, Seen, Mapper]) -> None:
+    forecaster, seen, mapper = street
+    assert mapper.origin is not None
+    forecast = forecaster.forecast(seen, 2)
+    placed = PlacedForecast.of(forecast, seen, mapper.origin)
+    plain = PlacedForecast.of(forecast, {**seen, "arrays": {}}, mapper.origin)
+    assert plain.present.shape == (64, 64)
+    assert not plain.known.all()
+    np.testing.assert_array_equal(plain.known, placed.known)
+
+
+def test_one_window_is_placed_at_a_time(street: tuple[RolloutForecaster, Seen, Mapper]) -> None:
+    _, seen, _ = street
+    two = {**seen, "pose": seen["pose"].expand(2, -1, -1)}
+    with pytest.raises(UserError, match="a batch of 2 windows: place the forecast of one at a time"):
+        PlacedForecast.of(Forecast(seen["occupancy"]), cast(Seen, two), np.zeros(2))
