@@ -7,6 +7,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -42,7 +43,7 @@ def test_no_text_depends_on_the_locale() -> None:
     assert [call for file in files for call in calls_in_the_locales_encoding(file)] == []
 
 
-def locale(kind: str, folder: Path) -> dict[str, str]:
+def locale(kind: str, folder: Path) -> dict[str, Any]:
     """Variables that set a locale of another encoding, whatever the machine has installed."""
     if kind == "ASCII":
         return {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
@@ -52,7 +53,7 @@ def locale(kind: str, folder: Path) -> dict[str, str]:
     subprocess.run(
         ["localedef", "-c", "-i", "POSIX", "-f", "ISO-8859-1", folder / name], capture_output=True, check=False
     )
-    variables = {"LC_ALL": name, "LOCPATH": str(folder), "PYTHONUTF8": "0"}
+    variables: dict[str, Any] = {"LC_ALL": name, "LOCPATH": str(folder), "PYTHONUTF8": "0"}
     asked = [sys.executable, "-c", "import sys; print(sys.getfilesystemencoding())"]
     if subprocess.run(asked, env=os.environ | variables, capture_output=True, check=False).stdout != b"iso8859-1\n":
         pytest.skip("the locale cannot be made here")

@@ -20,7 +20,7 @@ from envpred.live.placed import PlacedForecast
 from envpred.live.truth import Truth
 from envpred.mapping.geometry import FloatArray
 from envpred.pictures import costmaps
-from envpred.pictures.grids import check_ending, save
+from envpred.pictures.grids import check_picture, save
 from envpred.results.predictions import Predictions
 from envpred.store import Store, StoredDrive
 
@@ -82,7 +82,7 @@ class _Track(NamedTuple):
 
 def _check_picture(out: Path) -> None:
     try:
-        check_ending(out)
+        check_picture(out)
     except UserError:
         raise UserError(
             f"{out}: end its name on {ENDING} for a recording, or on .png, .pdf or .svg for a picture"

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from envpred.drives.tracklets import Tracklet
 from envpred.live.mcap import nanoseconds
 from envpred.live.occupancy_grid import OccupancyGrid
 from envpred.mapping.geometry import FloatArray, heading_of
-from envpred.simulate.tracklets import Tracklet
 
 MAP, BODY, SENSOR = "map", "base_link", "lidar"
 _CODES = {4: 7, 2: 4}  # of sensor_msgs/PointField by a number's bytes: FLOAT32 and UINT16

@@ -4,16 +4,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
-from xml.etree.ElementTree import ParseError
 
 import numpy as np
 from numpy.typing import NDArray
 
 from envpred.drives.drive import Drive
 from envpred.drives.kitti import KittiDrive
+from envpred.drives.tracklets import Tracklet
 from envpred.errors import UserError
-from envpred.simulate import tracklets
-from envpred.simulate.tracklets import Tracklet
 
 
 @dataclass(frozen=True)
@@ -37,12 +35,8 @@ class Truth:
         """
         if not isinstance(drive, KittiDrive):
             return cls()
-        boxes, labels = drive.folder / "tracklet_labels.xml", drive.folder / "labels"
-        try:
-            found = tracklets.read(boxes) if boxes.is_file() else []
-        except (ParseError, ValueError):
-            raise UserError(f"{boxes}: no tracklets that can be read; copy it again, or delete it") from None
-        return cls(found, labels if labels.is_dir() else None)
+        labels = drive.folder / "labels"
+        return cls(drive.tracklets(), labels if labels.is_dir() else None)
 
     def classes(self, frame: int, points: int) -> NDArray[np.uint32] | None:
         """Words (N,) of the points of a frame, class and instance, where they are known.

@@ -9,11 +9,11 @@ import pytest
 from rosbags.interfaces import ConnectionExtRosbag2
 from rosbags.rosbag2.storage_mcap import McapReader
 
+from envpred.drives.tracklets import Tracklet
 from envpred.errors import UserError
 from envpred.live.mcap import check_extra, nanoseconds, write_recording
 from envpred.live.messages import Messages, motion
 from envpred.live.occupancy_grid import occupancy_grid
-from envpred.simulate.tracklets import Tracklet
 from tests.live.recordings import messages_in, seconds
 from tests.remedies import installs, remedy
 
@@ -103,8 +103,8 @@ def test_where_the_ego_is_and_how_it_moves(tmp_path: Path) -> None:
 
 
 def test_boxes_stand_on_the_ground_and_take_the_place_of_those_before(tmp_path: Path) -> None:
-    car = Tracklet("Car", (4.0, 2.0, 1.5), 3, [(10.0, 1.0, -1.7, np.pi), (11.0, 1.0, -1.7, np.pi)], [5, 5])
-    person = Tracklet("Pedestrian", (0.6, 0.6, 1.8), 4, [(5.0, -3.0, -1.7, 0.0)], [9])
+    car = Tracklet("Car", (4.0, 2.0, 1.5), 3, [(10.0, 1.0, -1.7, np.pi), (11.0, 1.0, -1.7, np.pi)], [0, 0])
+    person = Tracklet("Pedestrian", (0.6, 0.6, 1.8), 4, [(5.0, -3.0, -1.7, 0.0)], [0])
     with write_recording(tmp_path / "boxes.mcap") as recording:
         messages = Messages(recording.types)
         for frame in (2, 3, 4):
