@@ -14,8 +14,11 @@ if TYPE_CHECKING:
     from envpred.models.loading import load_forecaster as load_forecaster
     from envpred.store import Store as Store
 
-__version__ = "0.1.0"
+    __version__: str
+
 __all__ = ["Mapper", "Store", "drives", "load_forecaster"]
+
+FALLBACK_VERSION = "0.1.0"  # of a tree that is not installed
 
 _FACE = {
     "Mapper": "envpred.mapping.mapper",
@@ -27,8 +30,20 @@ give_folders()  # before any library looks for its own
 
 
 def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        return _version()
     if name == "drives":
         return import_module("envpred.drives")
     if name in _FACE:
         return getattr(import_module(_FACE[name]), name)
     raise AttributeError(f"module 'envpred' has no attribute {name!r}")
+
+
+def _version() -> str:
+    """What the build has read from the tags of git."""
+    from importlib.metadata import PackageNotFoundError, version
+
+    try:
+        return version("envpred")
+    except PackageNotFoundError:
+        return FALLBACK_VERSION

@@ -24,6 +24,8 @@ from envpred.pictures.grids import check_picture, save
 from envpred.results.predictions import Predictions
 from envpred.store import Store, StoredDrive
 
+MAXIMUM = "/forecast/maximum"  # the topic of the largest value over the horizons
+
 
 def export(
     out: Path,
@@ -175,8 +177,13 @@ def _forecast(placed: PlacedForecast, horizons: list[float] | None) -> Iterator[
     if horizons is not None:
         grids = [grids[n - 1] for n in asked_steps(horizons, len(grids), placed.period)]
     for grid in grids:
-        yield f"/forecast/in_{round(1000 * (grid.stamp - placed.time)):04d}_ms", grid
-    yield "/forecast/maximum", maximum(grids)
+        yield topic_of(grid.stamp - placed.time), grid
+    yield MAXIMUM, maximum(grids)
+
+
+def topic_of(ahead: float) -> str:
+    """The topic of the forecast so many seconds ahead; names of ROS hold no points, and no part begins with a digit."""
+    return f"/forecast/in_{round(1000 * ahead):04d}_ms"
 
 
 def _track(given: _Given) -> _Track:
