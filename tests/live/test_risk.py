@@ -85,23 +85,29 @@ def test_between_rows_it_goes_straight_on_and_turns_the_short_way() -> None:
 
 
 def test_samples_are_whole_futures() -> None:
-    """Of four, one has a wall at x = 23, one at x = 25 in the last second alone; 0.5 is unknown, not occupied."""
+    """Of four, one has a wall at x = 23 and 24, one at 25 and 26 in the last second alone, one is uncertain.
+
+    The body covers x = 21 to 23 after a second, 23 to 25 after two, 25 to 27 after three.
+    """
     samples = np.stack([empty(3) for _ in range(4)])
-    samples[0, :, cell(23)[0]], samples[1, 2, cell(25)[0]], samples[2] = 0.9, 0.9, 0.5
+    samples[0, :, cell(23)[0] : cell(24)[0] + 1], samples[1, 2, cell(25)[0] : cell(26)[0] + 1] = 0.9, 0.9
+    samples[2] = 0.7
     forecast = standing(samples.mean(axis=0), samples=samples, sample_ego=np.tile(HOME, (4, 3, 1)))
     found = risk(east(3), forecast)
-    same(found.least, [0.25, 0.25, 0.5])
+    same(found.least, [0, 0.25, 0.5])
     assert found.samples == 4
     assert found.least is found.most
+    same(risk(east(3), forecast, cells=1).least, [0.25, 0.25, 0.5])
+    same(risk(east(3), forecast, occupied=0.6).least, [0.25, 0.5, 0.75])
 
 
 def test_every_sample_lies_in_the_grids_of_its_own_ego() -> None:
-    """The same cell of both grids: where the other ego has come 2 m further, it lies 2 m further east."""
+    """The same cells of both grids: where the other ego has come 2 m further, they lie 2 m further east."""
     samples = np.stack([empty(3)] * 2)
-    samples[:, :, cell(23)[0], cell(23)[1]] = 1.0
+    samples[:, :, cell(23)[0] : cell(24)[0] + 1, cell(23)[1]] = 1.0
     egos = np.stack([np.tile(HOME, (3, 1)), np.tile(HOME + np.array([2, 0, 0]), (3, 1))])
     forecast = standing(samples.mean(axis=0), samples=samples, sample_ego=egos)
-    same(risk(east(3), forecast).least, [0.5, 1.0, 1.0])  # x = 23 at once, x = 25 when it covers 23 to 25
+    same(risk(east(3), forecast).least, [0, 0.5, 1.0])  # 23 and 24 after two seconds, 25 and 26 after three
 
 
 def test_the_body_lies_where_its_sensor_does_and_may_be_larger() -> None:
