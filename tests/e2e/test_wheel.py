@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-import envpred
+from envpred import FALLBACK_VERSION
 from tests.store.stores import write_store
 
 REPOSITORY = Path(__file__).resolve().parents[2]
@@ -23,6 +23,11 @@ def run(*command: str | Path, cwd: Path) -> subprocess.CompletedProcess[str]:
     """A command to its end, without what points it to a checkout."""
     outside = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "PYTHONHOME")}
     return subprocess.run(command, cwd=cwd, env=outside, capture_output=True, text=True, check=False, timeout=300)
+
+
+def version_of(wheel: Path) -> str:
+    """The version in a wheel's name."""
+    return wheel.name.split("-")[1]
 
 
 def said(*command: str | Path, cwd: Path) -> str:
@@ -55,6 +60,17 @@ def installed(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
+def tree(tmp_path: Path) -> Path:
+    """What git keeps of the present commit, without git."""
+    packed = tmp_path / "tree.tar"
+    said("git", "archive", "--output", packed, "HEAD", cwd=REPOSITORY)
+    folder = tmp_path / "tree"
+    folder.mkdir()
+    said("tar", "-xf", packed, cwd=folder)
+    return folder
+
+
+@pytest.fixture
 def foreign(tmp_path: Path) -> Path:
     """A folder that holds another package `sweeps`."""
     package = tmp_path / "sweeps"
@@ -66,7 +82,7 @@ def foreign(tmp_path: Path) -> Path:
 
 def test_a_wheel_holds_one_package_with_everything_that_it_reads(wheel: Path) -> None:
     names = zipfile.ZipFile(wheel).namelist()
-    assert {name.split("/")[0] for name in names} == {"envpred", f"envpred-{envpred.__version__}.dist-info"}
+    assert {name.split("/")[0] for name in names} == {"envpred", f"envpred-{version_of(wheel)}.dist-info"}
     kept = subprocess.run(
         ["git", "ls-files", "envpred", "configs", "sweeps"], cwd=REPOSITORY, capture_output=True, text=True, check=True
     ).stdout.split()
@@ -80,7 +96,8 @@ def test_a_wheel_holds_one_package_with_everything_that_it_reads(wheel: Path) ->
 
 def test_the_command_and_its_sweeps_are_found_from_anywhere(installed: Path, foreign: Path) -> None:
     python = installed / "python"
-    assert envpred.__version__ in said(installed / "envpred", "--version", cwd=foreign)
+    assert said(installed / "envpred", "--version", cwd=foreign) == f"envpred {version_of(wheel)}\n"
+    assert "prednet_small" in said(installed / "envpred", "configs", cwd=foreign)
     for name, command in (("tune", "tune"), ("ablation", "ablate")):
         assert f"usage: envpred {command} " in said(python, "-m", f"envpred.sweeps.{name}", "--help", cwd=foreign)
     found = "from envpred.cli.sweeps import module; print(module('tune').__name__, module('ablation').__file__)"
@@ -103,3 +120,37 @@ def test_the_sweeps_work_with_what_ships(installed: Path, foreign: Path) -> None
     done = run(python, "-m", "envpred.sweeps.tune", *given, *study, "--trainer.devices", "0", cwd=foreign)
     assert done.returncode == 1
     assert re.match("envpred tune: the last . trials of the study prednet_dst_static failed", done.stderr)
+
+
+def test_the_version_is_that_of_the_tag(tree: Path, tmp_path: Path) -> None:
+    """Without git it is the fallback; with an untagged commit a development release behind that; then the tag's."""
+    built = []
+    git = ("git", "-c", "user.name=a", "-c", "user.email=a@b.c")
+
+    def build(name: str) -> None:
+        wheels = tmp_path / name
+        said(sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--wheel-dir", wheels, tree, cwd=tmp_path)
+        built.append(version_of(next(wheels.glob("*.whl"))))
+
+    build("plain")
+    for command in (("init", "--quiet"), ("add", "--all"), ("commit", "--quiet", "--message=all")):
+        said(*git, *command, cwd=tree)
+    build("untagged")
+    said(*git, "tag", "v3.2.1", cwd=tree)
+    build("tagged")
+    plain, untagged, tagged = built
+    assert plain == FALLBACK_VERSION
+    assert re.fullmatch(r"\d+\.\d+\.\d+\.dev1\+g[0-9a-f]+", untagged)
+    assert tagged == "3.2.1"
+
+
+def test_a_drive_becomes_a_recording_outside_of_a_checkout(installed: Path, tmp_path: Path) -> None:
+    """From simulated scans to what a planner reads, with what the wheel alone brings."""
+    program = installed / "envpred"
+    said(program, "simulate", "drives", "--drives=1", "--frames=8", "--seed=3", "--workers=1", cwd=tmp_path)
+    said(program, "grids", "--source=drives", "--store=grids", "--workers=1", "--context=192", cwd=tmp_path)
+    predict = ("--config=rollout_static", "--data.store=grids", "--data.predict=newest", "--predictions.folder=newest")
+    said(program, "predict", *predict, cwd=tmp_path)
+    given = ("--predictions=newest", "--store=grids", "--source=drives")
+    assert "1 forecasts" in said(program, "export", "--out=drive.mcap", *given, cwd=tmp_path)
+    assert (tmp_path / "drive.mcap").read_bytes().startswith(b"\x89MCAP0\r\n")
