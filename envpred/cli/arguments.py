@@ -9,6 +9,7 @@ from typing import Any
 import yaml
 
 from envpred.cli.lightning import EnvpredCLI, as_parsed, check_accelerator, lightning
+from envpred.cli.tokens import pairs
 from envpred.errors import UserError, nearest
 from envpred.store.files import flat
 
@@ -88,18 +89,13 @@ class FitArguments:
 
 
 def split_arguments(args: list[str], names: Sequence[str] = OPTIONS) -> tuple[list[str], list[str]]:
-    """Split a command line into what is none of `envpred fit`'s options, and those of them that `names` names.
-
-    `-c x.yaml` and `--config x.yaml` are both the option `config`; a value stays with the option before it.
-    """
+    """Split a command line into what is none of `envpred fit`'s options, and those of them that `names` names."""
     others: list[str] = []
     named: list[str] = []
-    target = others
-    for token in args:
-        if token.startswith("--") or token == "-c":
-            name = "config" if token == "-c" else token[2:].split("=", 1)[0].split(".", 1)[0].removesuffix("+")
-            target = named if name in names else others
-        target.append(token)
+    for name, value in pairs(args):
+        is_named = name is not None and name.split(".", 1)[0].removesuffix("+") in names
+        parts = [part for part in (name and f"--{name}", value) if part is not None]
+        (named if is_named else others).append("=".join(parts))
     return others, named
 
 

@@ -2,7 +2,6 @@
 
 import inspect
 import os
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -10,33 +9,27 @@ import yaml
 from lightning.pytorch import Trainer
 
 from envpred.cli.registry import LIGHTNING
-from envpred.cli.tokens import CONFIG
 from envpred.gate import read_yaml
+
+CONFIG = "--config="  # as `envpred.cli.tokens` writes it
 
 
 def portable(args: list[str]) -> list[str]:
     """A command line of Lightning's whose configurations hold nothing that its subcommand does not take.
 
-    A run saves its whole configuration, with what Trainer.test or Trainer.predict alone takes.  The checkpoint that was
-    tested goes along to every subcommand but `fit`, which would go on training it.
+    It is written as by `envpred.cli.tokens.plain`.  A run saves its whole configuration, with what Trainer.test or
+    Trainer.predict alone takes.  The checkpoint that was tested goes along to every subcommand but `fit`, which would
+    go on training it.
     """
     if not args or args[0] not in LIGHTNING:
         return args
-    return [args[0], *(_portable(token, args[0]) if is_file else token for token, is_file in _tokens(args[1:]))]
-
-
-def _tokens(args: list[str]) -> Iterator[tuple[str, bool]]:
-    """The tokens of a command line, and whether each is, or ends in, the name of a configuration."""
-    before = ""
-    for token in args:
-        yield token, before in CONFIG or token.startswith("--config=")
-        before = token
+    return [args[0], *(_portable(token, args[0]) for token in args[1:])]
 
 
 def _portable(token: str, subcommand: str) -> str:
-    """A configuration's name, or its content if something in it is not for `subcommand`."""
-    option, equals, name = token.rpartition("=") if token.startswith("--config=") else ("", "", token)
-    if not os.path.isfile(name):
+    """An option; that of a configuration with its content if something in it is not for `subcommand`."""
+    name = token.removeprefix(CONFIG)
+    if not token.startswith(CONFIG) or not os.path.isfile(name):
         return token  # its content, or whoever reads it says what is wrong
     content = read_yaml(Path(name), "mend it")
     if not isinstance(content, dict):
@@ -47,7 +40,7 @@ def _portable(token: str, subcommand: str) -> str:
     if not foreign:
         return token
     kept = {key: value for key, value in content.items() if key not in foreign}
-    return f"{option}{equals}{yaml.safe_dump(kept, default_flow_style=True, width=10**6)}"
+    return f"{CONFIG}{yaml.safe_dump(kept, default_flow_style=True, width=10**6)}"
 
 
 def _taken(subcommand: str) -> set[str]:

@@ -6,7 +6,9 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import torch
 
+from envpred.metrics.windows import summarise
 from envpred.report.run import FloatArray, Measured, Run
 from envpred.report.runs import with_distinct_labels
 from envpred.report.statistics import drive_errors
@@ -96,12 +98,10 @@ def _mean(several: Sequence[Measured], drives: Sequence[str]) -> Measured:
         error = _nanmean([measured.standard_error for measured in several])
         return Measured(_nanmean([measured.mean for measured in several]), error, None, first.about)
     per_window = _nanmean([values for values in told if values is not None])
-    counted = np.isfinite(per_window).sum(axis=0)
-    mean = _nanmean(list(per_window))
-    squares = np.nansum(np.square(per_window - mean), axis=0)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        error = np.sqrt(squares / np.where(counted > 1, counted - 1, np.nan) / counted)
-    return Measured(mean, error, per_window, first.about, drive_errors(per_window, drives))
+    all_windows = torch.arange(len(per_window))
+    found = summarise(torch.from_numpy(per_window), all_windows, first.about, skip_undefined=True)
+    errors = drive_errors(per_window, drives)
+    return Measured(found.mean.numpy(), found.standard_error.numpy(), per_window, first.about, errors)
 
 
 def _nanmean(arrays: Sequence[FloatArray]) -> FloatArray:

@@ -23,7 +23,7 @@ def revision() -> str:
     describe = ["describe", "--always", "--dirty", "--exclude", "*", "--abbrev=40"]
     try:
         return subprocess.run(
-            ["git", "-C", folder, *describe], check=True, capture_output=True, text=True
+            ["git", "-C", folder, *describe], check=True, capture_output=True, encoding="utf-8"
         ).stdout.strip()
     except (OSError, subprocess.CalledProcessError):
         return f"envpred {__version__}"

@@ -59,7 +59,9 @@ def _build(town: Town, seed: int, folder: Path, home: Path) -> Path:
     out = folder / f"{town.name}.net.xml"
     command = [home / "bin" / "netconvert", "-n", nodes, "-e", edges, "-o", out, "--crossings.guess", "--walkingareas"]
     command += ["--no-turnarounds.except-deadend", "--junctions.corner-detail", "6", "--no-warnings"]
-    done = subprocess.run([str(c) for c in command], capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [str(c) for c in command], capture_output=True, encoding="utf-8", errors="replace", check=False
+    )
     if done.returncode:
         raise UserError(f"netconvert failed on the network {town.name}: {done.stderr.strip()[-300:]}")
     return out

@@ -55,7 +55,12 @@ def test_fits_options_are_told_from_others() -> None:
     ours = ["--trials", "4", "--variant", "dst", "--seed=1"]
     fit = ["--config", "a.yaml", "-c", "b.yaml", "--data.samples=5", "--model.channels", "[4,4]", "--model", "FCN"]
     more = ["--seed_everything", "2", "--trainer.callbacks+=X", "--predictions.dtype", "float32"]
-    assert split_arguments([*ours[:2], *fit, *ours[2:], *more]) == (ours, [*fit, *more])
+    told = [
+        *("--config=a.yaml", "--config=b.yaml", "--data.samples=5", "--model.channels=[4,4]", "--model=FCN"),
+        *("--seed_everything=2", "--trainer.callbacks+=X", "--predictions.dtype=float32"),
+    ]
+    found = split_arguments([*ours[:2], *fit, *ours[2:], *more, "--dry_run"])
+    assert found == (["--trials=4", "--variant=dst", "--seed=1", "--dry_run"], told)
     assert split_arguments([*fit, *more], ("trainer", "data"))[1] == ["--data.samples=5", "--trainer.callbacks+=X"]
 
 
