@@ -10,6 +10,7 @@ import pytest
 from packaging.requirements import Requirement
 
 from envpred.cli import main
+from envpred.errors import UserError
 
 # What may follow an option that is named without a value.
 _WORDS = "or|and|to|as|for|with|if|of|in|out|at|on|nor|cannot"
@@ -48,6 +49,17 @@ def refusal(args: list[str]) -> str:
     assert stop.value.code == 1
     assert "\nTraceback" not in said.getvalue()
     return said.getvalue()[said.getvalue().index("envpred: ") :].strip().removeprefix("envpred: ")
+
+
+def command(*args: str) -> None:
+    """Run a command; what it refuses is raised as it was said."""
+    said = io.StringIO()
+    try:
+        with contextlib.redirect_stderr(said):
+            main(list(args))
+    except SystemExit as end:
+        if end.code not in (0, None):
+            raise UserError(said.getvalue().strip()) from None
 
 
 def installs(command: list[str]) -> set[str]:

@@ -34,6 +34,7 @@ def write_inputs(folder: Path) -> None:
     """Drives, a store of grids to train on, one to add velocities to, and a space to tune in."""
     for number, frames in (("0001", 40), ("0002", 90), ("0003", 60)):
         builds.write_long_drive(folder / "drives", number, frames)
+        builds.write_long_drive(folder / "short", number, 22)
     write_store(folder / "grids", {name: list(range(40)) for name in "abc"}, dogma=True)
     build(folder / "drives", folder / "mapped", workers=1)
     (folder / "space.yaml").write_text("model.t1_lr: {choices: [0.001, 0.003]}\n")
@@ -109,14 +110,29 @@ def alike_where_both_looked(expected: dict[Any, Any], found: dict[Any, Any]) -> 
 
 
 def ablated(work: Path) -> dict[str, Any]:
-    """Grids, every result but for times, the table of the report, and the names of all files beside them."""
-    found: dict[str, Any] = {**hashes(work / "ablation" / "stores")}
-    for file in sorted(work.rglob(RESULT)):
-        found[file.parent.name] = {k: v for k, v in json.loads(file.read_text()).items() if k not in NOT_COMPARED}
-    report = sorted(file for file in (work / "ablation" / "report").rglob("*") if file.is_file())
-    found["report"] = [str(file.relative_to(work)) for file in report]
-    found["table"] = [file.read_text() for file in report if file.name == "table_1.md"]
-    return found
+    """Grids, results, and of the report its table and the names of all files beside it."""
+    report = work / "ablation" / "report"
+    (table,) = report.rglob("table_1.md")
+    return {**hashes(work / "ablation" / "stores"), **results(work), **names(report), "table": table.read_text()}
+
+
+def published(work: Path) -> dict[str, Any]:
+    """Grids, results, and of the page its tables and the names of all files beside it."""
+    out = work / "paper"
+    tables = {name: (out / name).read_text() for name in ("table_1.md", "methods.md", "conclusions.md")}
+    return {**hashes(out / "grids"), **results(work), **tables, "files": [file.name for file in sorted(out.iterdir())]}
+
+
+def results(work: Path) -> dict[str, Any]:
+    """Every result but for times, by the name of its run."""
+    found = {file.parent.name: json.loads(file.read_text()) for file in sorted(work.rglob(RESULT))}
+    assert found
+    return {run: {k: v for k, v in told.items() if k not in NOT_COMPARED} for run, told in found.items()}
+
+
+def names(folder: Path) -> dict[str, str]:
+    """The names of all files in a folder."""
+    return {str(file.relative_to(folder)): "is there" for file in folder.rglob("*") if file.is_file()}
 
 
 COMMANDS = {
@@ -156,5 +172,12 @@ COMMANDS = {
             *("--model.t1_epochs=2", "--model.t5_epochs=2", "--data.samples=4"),
         ],
         ablated,
+    ),
+    "paper": Command(
+        lambda inputs: [
+            *("paper", f"--source={inputs / 'short'}", "--workers=2", "--trainer.accelerator=cpu"),
+            *("--data.samples=2", "--data.val_windows=1", "--pictures.windows=1"),
+        ],
+        published,
     ),
 }
