@@ -10,8 +10,9 @@ from lightning.pytorch.trainer.states import TrainerFn
 
 from envpred.errors import UserError
 from envpred.gate import conform
+from envpred.gate.runs import Best, Validation
 from envpred.gate.runs import History as Schema
-from envpred.results.validations import VALIDATIONS, Best, Chosen, History, Validation
+from envpred.results.validations import VALIDATIONS, Chosen, History
 from envpred.store.files import write_json
 
 MSE, STATIC = "val/mse", "static/mse"  # means over the horizons; each horizon's own has its name after a `_`

@@ -2,7 +2,7 @@
 
 import itertools
 from collections.abc import Mapping, Sequence
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypedDict
 
 from msgspec import UNSET, Meta, Struct, UnsetType, field
 
@@ -132,15 +132,15 @@ class PredictionsManifest(Struct):
             raise ValueError("a window is of a drive that is not there")
 
 
-class ValidationErrors(Struct):
-    """Squared errors of a validation, at one horizon or over all."""
+class ValidationErrors(TypedDict):
+    """Squared errors of a validation, at one horizon or over all: means over windows, the static baseline's beside."""
 
     val_mse: float
     static_mse: float
 
 
 class Validation(ValidationErrors):
-    """One validation of a training."""
+    """One validation of a training, after `step` steps of the optimiser; its horizons by name."""
 
     epoch: Count
     step: Count
@@ -148,8 +148,8 @@ class Validation(ValidationErrors):
     horizons: dict[Line, ValidationErrors]
 
 
-class Best(Struct):
-    """Which validation a checkpoint is of."""
+class Best(TypedDict):
+    """Which validation a checkpoint is of, by its place, and the monitored score that it was chosen for."""
 
     monitor: Line
     score: float
@@ -164,7 +164,7 @@ class History(Struct):
     ended: Count | None = None
 
     def __post_init__(self) -> None:
-        if any(best.validation >= len(self.validations) for best in self.best.values()):
+        if any(best["validation"] >= len(self.validations) for best in self.best.values()):
             raise ValueError("best names a validation that is not there")
 
 

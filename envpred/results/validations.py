@@ -11,31 +11,13 @@ has no stages.  `best` says of each checkpoint that a validation decides on whic
 """
 
 from pathlib import Path
-from typing import Any, NamedTuple, TypedDict
+from typing import Any, NamedTuple
 
 from envpred.gate import read_json
+from envpred.gate.runs import Best, Validation
 from envpred.gate.runs import History as Schema
 
 VALIDATIONS = "validations.json"
-
-
-class Validation(TypedDict):
-    """One validation, after `step` steps of the optimiser."""
-
-    epoch: int
-    step: int
-    stage: str | None
-    val_mse: float
-    static_mse: float
-    horizons: dict[str, dict[str, float]]  # name of the horizon -> val_mse and static_mse
-
-
-class Best(TypedDict):
-    """Which validation a checkpoint is of, by its place, and the monitored score that it was chosen for."""
-
-    monitor: str
-    score: float
-    validation: int
 
 
 class Chosen(NamedTuple):

@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from envpred.errors import UserError
-from envpred.results.validations import Validation, read_validations
+from envpred.gate.runs import Validation
+from envpred.results.validations import read_validations
 
 RUNGS = 10
 

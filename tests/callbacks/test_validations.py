@@ -17,8 +17,9 @@ from lightning.pytorch.callbacks import ModelCheckpoint
 from envpred.callbacks.validations import Validations
 from envpred.cli import main
 from envpred.errors import UserError
+from envpred.gate.runs import Validation, ValidationErrors
 from envpred.models import FCNForecaster
-from envpred.results.validations import VALIDATIONS, History, Validation, read_validations
+from envpred.results.validations import VALIDATIONS, History, read_validations
 from tests.build import builds
 from tests.models.trainers import grids, prednet, trainer
 from tests.store.stores import write_store
@@ -187,7 +188,7 @@ def test_a_killed_run_leaves_its_validations_and_tells_each_once(store: Path, tm
         assert best["epoch"] == checkpoint(run, "best.ckpt")["epoch"]
 
 
-HORIZONS = {"0.5s": {"val_mse": 0.1, "static_mse": 0.2}}
+HORIZONS: dict[str, ValidationErrors] = {"0.5s": {"val_mse": 0.1, "static_mse": 0.2}}
 
 
 def test_a_reader_never_sees_half_a_file(tmp_path: Path) -> None:
