@@ -10,6 +10,7 @@ from envpred.cli import main
 from envpred.datamodules import GridDataModule
 from envpred.datamodules.windows import collate
 from envpred.errors import UserError
+from envpred.mapping.boxes import MOVES
 from envpred.report import report
 from envpred.store import Store
 from tests.models.trainers import grids
@@ -98,3 +99,23 @@ def test_results_of_both_are_not_compared(store: Path, tmp_path: Path, monkeypat
     assert report([by_labels, test(*more)], tmp_path / "report").is_file()
     page = report([by_boxes], tmp_path / "other").read_text()
     assert "by tracklets" in page
+
+
+@pytest.mark.slow
+def test_a_simulated_drive_is_judged_by_its_boxes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """From the drive to the result, as a user goes."""
+    monkeypatch.chdir(tmp_path)
+    main(["simulate", "drives", "--drives=1", "--frames=24", "--seed=6", "--workers=1"])
+    main(["grids", "--source=drives", "--store=grids", "--workers=1"])
+    ((name, drive),) = Store("grids").drives.items()
+    main(["test", "--model=LastFrame", "--data.store=grids", f"--data.test=[{name}]", "--data.length=8",
+          "--data.given=3", "--pictures.windows=0"])  # fmt: skip
+    (file,) = tmp_path.rglob("result.json")
+    result = json.loads(file.read_text())
+    assert result["data"]["movers"] == "tracklets"
+    assert result["data"]["input_hash"].keys() == {"moving"}
+    boxes = [np.array(drive.array("moving")[start + 3 : start + 8] == MOVES) for _, start in result["data"]["windows"]]
+    told = result["metrics"]["mse_moving_cells"]["per_window"]
+    # A window has an error of moving cells where a box moves, and none elsewhere.
+    assert [[error is not None for error in window] for window in told] == [b.any(axis=(1, 2)).tolist() for b in boxes]
+    assert any(error is not None for window in told for error in window)
