@@ -67,10 +67,10 @@ def risk(
         UserError: if the plan holds no poses, its times do not increase, it begins after the first horizon or ends
             before it.
     """
-    poses = _poses(np.asarray(plan, np.float64), forecast)
+    poses = poses_at(np.asarray(plan, np.float64), forecast)
     rear, front, half_width = forecast.body if body is None else (body.rear, body.front, body.half_width)
     box = rear - margin, front + margin, half_width + margin
-    under = [_under(pose, forecast.sensor, box, forecast.resolution) for pose in poses]
+    under = [cells_under(pose, forecast.sensor, box, forecast.resolution) for pose in poses]
     times = forecast.horizon_s[: len(poses)]
 
     drawn = [_values(grids, ego, under) for grids, ego in forecast.sampled()]
@@ -88,7 +88,7 @@ def risk(
     return Risk(times, least, 1 - spared, most, np.array([np.isnan(values).mean() for values in told]), 0)
 
 
-def _poses(plan: FloatArray, forecast: PlacedForecast) -> FloatArray:
+def poses_at(plan: FloatArray, forecast: PlacedForecast) -> FloatArray:
     """Poses (M, 3), in cells and radians, at the horizons that the plan reaches."""
     if plan.ndim != 2 or plan.shape[1] != 4 or not len(plan) or not np.isfinite(plan).all():
         raise UserError(f"a plan holds rows of x, y, heading and time, all finite: (N, 4), not {plan.shape}")
@@ -108,7 +108,7 @@ def _poses(plan: FloatArray, forecast: PlacedForecast) -> FloatArray:
     return in_cells(poses, np.array(forecast.origin), forecast.resolution)
 
 
-def _under(
+def cells_under(
     pose: FloatArray, sensor: tuple[float, float, float], body: tuple[float, float, float], resolution: float
 ) -> NDArray[np.int64]:
     """Lattice cells (n, 2) that the body at `pose` (3,) overlaps, by separating axes; a shared border is no overlap."""
