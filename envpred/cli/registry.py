@@ -28,7 +28,7 @@ COMMANDS = {
     "velocity": Command("envpred.cli.commands.velocity"),
     "report": Command("envpred.cli.commands.report", ("runs", "+")),
     "draw": Command("envpred.cli.commands.draw", ("predictions", "+")),
-    "export": Command("envpred.live.export.export"),
+    "bag": Command("envpred.live.bag.bag"),
     "tune": Command("sweeps.tune.tune", configs=("model", "data", "preset"), takes_fit=True),
     "ablate": Command("sweeps.ablation.ablation", configs=("model", "data", "preset"), takes_fit=True),
     "paper": Command("sweeps.paper.paper", configs=("model", "data", "preset"), takes_fit=True),

@@ -152,5 +152,5 @@ def test_a_drive_becomes_a_recording_outside_of_a_checkout(installed: Path, tmp_
     predict = ("--config=rollout_static", "--data.store=grids", "--data.predict=newest", "--predictions.folder=newest")
     said(program, "predict", *predict, cwd=tmp_path)
     given = ("--predictions=newest", "--store=grids", "--source=drives")
-    assert "1 forecasts" in said(program, "export", "--out=drive.mcap", *given, cwd=tmp_path)
+    assert "1 forecasts" in said(program, "bag", "--out=drive.mcap", *given, cwd=tmp_path)
     assert (tmp_path / "drive.mcap").read_bytes().startswith(b"\x89MCAP0\r\n")

@@ -8,7 +8,7 @@ import pytest
 import yaml
 
 from envpred.horizons import SHOWN_S
-from envpred.live.export import MAXIMUM, topic_of
+from envpred.live.bag import MAXIMUM, topic_of
 from tests.drives.synthetic import write_drive
 
 PAGE = (Path(__file__).resolve().parents[2] / "docs" / "planner.md").read_text()

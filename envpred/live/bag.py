@@ -1,4 +1,4 @@
-"""`envpred export`: what planners and their tools read of forecasts and drives, as an MCAP recording or a picture."""
+"""`envpred bag`: what planners and their tools read of forecasts and drives, as an MCAP recording or a picture."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -27,7 +27,7 @@ from envpred.store import Store, StoredDrive
 MAXIMUM = "/forecast/maximum"  # the topic of the largest value over the horizons
 
 
-def export(
+def bag(
     out: Path,
     predictions: Path | None = None,
     store: Path | None = None,
@@ -94,7 +94,7 @@ def _check_picture(out: Path) -> None:
 def _given(predictions: Path | None, store: Path | None, source: Path | None, name: str | None) -> _Given:
     """The drive of that name, by default the first."""
     if predictions is None and store is None and source is None:
-        raise UserError("give what to export: --predictions and their --store, or --store, or drives as --source")
+        raise UserError("give what to write: --predictions and their --store, or --store, or drives as --source")
     grids = Store(store) if store is not None else None
     drives = {drive.name: drive for drive in find_drives(source)} if source is not None else {}
     found, asked = None, [(store, list(grids.drives if grids else ())), (source, list(drives))]
@@ -149,7 +149,7 @@ def _record(given: _Given, out: Path, horizons: list[float] | None) -> str:
         messages = Messages(recording.types)
         where = messages.transform(sensor_to_body, times[0], BODY, SENSOR)
         recording.write("/tf_static", where, times[0], latched=True)
-        for t, frame in enumerate(tqdm(frames, "exporting", unit="frame", leave=False, delay=1, disable=None)):
+        for t, frame in enumerate(tqdm(frames, "writing", unit="frame", leave=False, delay=1, disable=None)):
             time = float(times[t])
             recording.write("/tf", messages.transform(poses[t], time), time)
             recording.write("/odometry", messages.odometry(poses[t], velocity[t], turn_rate[t], time), time)

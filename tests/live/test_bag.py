@@ -1,4 +1,4 @@
-"""`envpred export`: forecasts, grids, scans and truth of one drive in one recording, and pictures of costmaps."""
+"""`envpred bag`: forecasts, grids, scans and truth of one drive in one recording, and pictures of costmaps."""
 
 import json
 import shutil
@@ -63,7 +63,7 @@ def predict(folder: Path, store: Path, forecast: NDArray[np.float32], role: str 
 
 @pytest.fixture(scope="module")
 def folders(tmp_path_factory: pytest.TempPathFactory) -> Folders:
-    root = tmp_path_factory.mktemp("export")
+    root = tmp_path_factory.mktemp("bag")
     folder = write_drive(root / "drives", frames=8, speed=20 / 3, azimuths=120)
     car = Tracklet("Car", (4.0, 2.0, 1.5), 2, [(10.0, 1.0, -1.7, 0.0)] * 3, [0] * 3)
     tracklets.write(folder / "tracklet_labels.xml", [car])
@@ -79,14 +79,14 @@ def folders(tmp_path_factory: pytest.TempPathFactory) -> Folders:
     return Folders(root / "drives", root / "grids", predict(root / "forecasts", root / "grids", forecast))
 
 
-def export(out: Path, capsys: pytest.CaptureFixture[str] | None = None, **given: object) -> str:
-    main(["export", f"--out={out}", *(f"--{name}={value}" for name, value in given.items())])
+def bag(out: Path, capsys: pytest.CaptureFixture[str] | None = None, **given: object) -> str:
+    main(["bag", f"--out={out}", *(f"--{name}={value}" for name, value in given.items())])
     return capsys.readouterr().out if capsys else ""
 
 
 def test_a_recording_of_everything(folders: Folders, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "drive.mcap"
-    said = export(out, capsys, predictions=folders.predictions, store=folders.store, source=folders.source)
+    said = bag(out, capsys, predictions=folders.predictions, store=folders.store, source=folders.source)
     assert said == f"{out}: 8 frames of {DRIVE}, 8 scans, 1 boxes, 5 forecasts\n"
     found = messages_in(out)
     counts = {topic: len(messages) for topic, messages in found.items()}
@@ -109,7 +109,7 @@ def test_a_recording_of_everything(folders: Folders, tmp_path: Path, capsys: pyt
 
 def test_forecasts_lie_where_the_ego_will_be_and_are_stamped_then(folders: Folders, tmp_path: Path) -> None:
     """It drives east, two cells a horizon."""
-    export(tmp_path / "drive.mcap", predictions=folders.predictions, store=folders.store)
+    bag(tmp_path / "drive.mcap", predictions=folders.predictions, store=folders.store)
     found = messages_in(tmp_path / "drive.mcap")
     assert "/points" not in found
     drive = Store(folders.store).drives[DRIVE]
@@ -130,7 +130,7 @@ def test_forecasts_lie_where_the_ego_will_be_and_are_stamped_then(folders: Folde
 
 
 def test_the_map_of_a_frame_is_its_evidence(folders: Folders, tmp_path: Path) -> None:
-    export(tmp_path / "drive.mcap", store=folders.store)
+    bag(tmp_path / "drive.mcap", store=folders.store)
     found = messages_in(tmp_path / "drive.mcap")
     assert set(found) == {"/tf", "/tf_static", "/odometry", "/grid"}
     grid = found["/grid"][5].content
@@ -147,9 +147,9 @@ def test_the_map_of_a_frame_is_its_evidence(folders: Folders, tmp_path: Path) ->
 
 
 def test_drives_alone_and_chosen_horizons(folders: Folders, tmp_path: Path) -> None:
-    export(tmp_path / "drive.mcap", source=folders.source)
+    bag(tmp_path / "drive.mcap", source=folders.source)
     assert set(messages_in(tmp_path / "drive.mcap")) == {"/tf", "/tf_static", "/odometry", "/points", "/truth/boxes"}
-    export(tmp_path / "some.mcap", predictions=folders.predictions, store=folders.store, horizons="[0.2]")
+    bag(tmp_path / "some.mcap", predictions=folders.predictions, store=folders.store, horizons="[0.2]")
     topics = {topic for topic in messages_in(tmp_path / "some.mcap") if topic.startswith("/forecast")}
     assert topics == {"/forecast/in_0200_ms", "/forecast/maximum"}
 
@@ -166,9 +166,9 @@ def test_a_picture_of_what_a_costmap_makes_of_it(
     folders: Folders, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     given: dict[str, Any] = {"predictions": folders.predictions, "store": folders.store}
-    assert export(tmp_path / "costs.png", capsys, **given, window=2) == f"{tmp_path / 'costs.png'}\n"
+    assert bag(tmp_path / "costs.png", capsys, **given, window=2) == f"{tmp_path / 'costs.png'}\n"
     assert (tmp_path / "costs.png").read_bytes().startswith(b"\x89PNG")
-    export(tmp_path / "two.png", **given, horizons="[0.1, 0.3]")
+    bag(tmp_path / "two.png", **given, horizons="[0.1, 0.3]")
     assert (tmp_path / "two.png").stat().st_size != (tmp_path / "costs.png").stat().st_size
 
 
@@ -186,7 +186,7 @@ def test_costs_are_those_of_the_static_layer() -> None:
         (["--out=x.bag", "--source={source}"], "x.bag: end its name on .mcap for a recording, or on .png, .pdf or"),
         (
             ["--out=x.mcap"],
-            "give what to export: --predictions and their --store, or --store, or drives as --source",
+            "give what to write: --predictions and their --store, or --store, or drives as --source",
         ),
         (
             ["--out=x.mcap", "--predictions={predictions}"],
@@ -207,7 +207,7 @@ def test_mistakes_are_one_line(
     folders: Folders, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, args: list[str], line: str
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    said = refusal(["export", *(arg.format(**folders._asdict()) for arg in args)])
+    said = refusal(["bag", *(arg.format(**folders._asdict()) for arg in args)])
     assert line in said
     assert "\n" not in said
     assert list(tmp_path.iterdir()) == []
@@ -217,9 +217,9 @@ def test_what_is_named_completes_the_command(folders: Folders, tmp_path: Path) -
     values = {f"--{name}": value for name, value in folders._asdict().items()}
     out = f"--out={tmp_path / 'x.mcap'}"
     for args in ([], [f"--predictions={folders.predictions}"]):
-        options = [option for (option,) in remedy(refusal(["export", out, *args]))]
-        main(["export", out, *args, *(f"{option}={values[option]}" for option in dict.fromkeys(options))])
-    picture = ["export", f"--out={tmp_path / 'x.png'}", f"--store={folders.store}"]
+        options = [option for (option,) in remedy(refusal(["bag", out, *args]))]
+        main(["bag", out, *args, *(f"{option}={values[option]}" for option in dict.fromkeys(options))])
+    picture = ["bag", f"--out={tmp_path / 'x.png'}", f"--store={folders.store}"]
     options = [option for (option,) in remedy(refusal(picture))]
     main([*picture[:2], *(f"{option}={values[option]}" for option in options)])
 
@@ -227,7 +227,7 @@ def test_what_is_named_completes_the_command(folders: Folders, tmp_path: Path) -
 def test_an_oracles_forecasts_and_empty_ones_are_refused(folders: Folders, tmp_path: Path) -> None:
     forecast = np.zeros((HORIZONS, CELLS, CELLS), np.float32)
     oracle = predict(tmp_path / "oracle", folders.store, forecast, "oracle")
-    args = ["export", "--out=x.mcap", f"--store={folders.store}"]
+    args = ["bag", "--out=x.mcap", f"--store={folders.store}"]
     assert "reads the future" in refusal([*args, f"--predictions={oracle}"])
     manifest = json.loads((oracle / MANIFEST).read_text()) | {"windows": [], "role": "learned"}
     (oracle / MANIFEST).write_text(json.dumps(manifest))
@@ -236,7 +236,7 @@ def test_an_oracles_forecasts_and_empty_ones_are_refused(folders: Folders, tmp_p
 
 def test_another_recording_than_was_mapped_is_refused(folders: Folders, tmp_path: Path) -> None:
     write_drive(tmp_path / "drives", frames=8, speed=6.0, azimuths=30)
-    args = ["export", "--out=x.mcap", f"--store={folders.store}"]
+    args = ["bag", "--out=x.mcap", f"--store={folders.store}"]
     said = refusal([*args, f"--source={tmp_path / 'drives'}"])
     assert "was mapped from other frames or poses than the drive in --source has" in said
 
@@ -244,7 +244,7 @@ def test_another_recording_than_was_mapped_is_refused(folders: Folders, tmp_path
 def test_damaged_truth_is_one_line(folders: Folders, tmp_path: Path) -> None:
     shutil.copytree(folders.source, tmp_path / "drives")
     drive = next((tmp_path / "drives").glob(f"*/{DRIVE}"))
-    args = ["export", f"--out={tmp_path / 'x.mcap'}", f"--source={tmp_path / 'drives'}"]
+    args = ["bag", f"--out={tmp_path / 'x.mcap'}", f"--source={tmp_path / 'drives'}"]
     labels = drive / "labels" / "0000000001.label"
     labels.write_bytes(labels.read_bytes()[:-4])
     assert "0000000001.label: has" in refusal(args)
