@@ -94,7 +94,7 @@ def test_a_wheel_holds_one_package_with_everything_that_it_reads(wheel: Path) ->
     assert [name for name in names if name.endswith(".pyc")] == []
 
 
-def test_the_command_and_its_sweeps_are_found_from_anywhere(installed: Path, foreign: Path) -> None:
+def test_the_command_and_its_sweeps_are_found_from_anywhere(wheel: Path, installed: Path, foreign: Path) -> None:
     python = installed / "python"
     assert said(installed / "envpred", "--version", cwd=foreign) == f"envpred {version_of(wheel)}\n"
     assert "prednet_small" in said(installed / "envpred", "configs", cwd=foreign)
