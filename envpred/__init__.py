@@ -10,19 +10,21 @@ from envpred.caches import give_folders
 
 if TYPE_CHECKING:
     from envpred import drives as drives
+    from envpred.live.stream import Stream as Stream
     from envpred.mapping.mapper import Mapper as Mapper
     from envpred.models.loading import load_forecaster as load_forecaster
     from envpred.store import Store as Store
 
     __version__: str
 
-__all__ = ["Mapper", "Store", "drives", "load_forecaster"]
+__all__ = ["Mapper", "Store", "Stream", "drives", "load_forecaster"]
 
 FALLBACK_VERSION = "0.1.0"  # of a tree that is not installed
 
 _FACE = {
     "Mapper": "envpred.mapping.mapper",
     "Store": "envpred.store",
+    "Stream": "envpred.live.stream",
     "load_forecaster": "envpred.models.loading",
 }
 

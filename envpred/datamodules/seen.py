@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from envpred.datamodules.contract import Needs, Seen
 from envpred.datamodules.variants import Variant
-from envpred.datamodules.windows import pose_of, widened
+from envpred.datamodules.windows import CONTEXT, pose_of, widened
 from envpred.errors import UserError
 from envpred.mapping.evidence import pignistic
 from envpred.mapping.geometry import heading_of
@@ -33,7 +33,8 @@ def seen_of(mapper: Mapper, mapped: Sequence[Mapped], variant: Variant, needs: N
     judged = _arrays(mapped, wide=False)
     missing = [name for name in (*variant.arrays, *needs.arrays) if name not in judged]
     if missing:
-        raise UserError(f"the mapper makes no {', '.join(missing)}; give Mapper(velocities=...) or another forecaster")
+        remedy = "Mapper(context=256)" if missing == [f"{CONTEXT}evidence"] else "Mapper(velocities=...)"
+        raise UserError(f"the mapper makes no {', '.join(missing)}; give {remedy} or another forecaster")
     origin = mapper.origin
     assert origin is not None  # it follows from the first scan
     pose = np.stack([frame.pose for frame in mapped])
@@ -63,8 +64,9 @@ def seen_of(mapper: Mapper, mapped: Sequence[Mapped], variant: Variant, needs: N
 
 def _arrays(mapped: Sequence[Mapped], wide: bool) -> dict[str, NDArray[np.float32]]:
     """The arrays that a store would hold of the frames, by name."""
-    mass = np.stack([_given(frame.context_mass) if wide else frame.mass for frame in mapped])
-    found = {"evidence": mass.astype(np.float16).astype(np.float32)}  # as the store keeps it
+    found = {"evidence": _kept([_given(frame.context_mass) if wide else frame.mass for frame in mapped])}
+    if not wide and all(frame.context_mass is not None for frame in mapped):
+        found[f"{CONTEXT}evidence"] = _kept([_given(frame.context_mass) for frame in mapped])
     dogmas = [frame.velocities for frame in mapped]
     if all(dogma is not None for dogma in dogmas):
         for name, field in _DOGMA.items():
@@ -75,6 +77,11 @@ def _arrays(mapped: Sequence[Mapped], wide: bool) -> dict[str, NDArray[np.float3
         for name in set(found) - {"evidence"}:
             found[name] = widened(found[name], found["evidence"].shape[-1])
     return found
+
+
+def _kept(mass: Sequence[NDArray[np.generic]]) -> NDArray[np.float32]:
+    """Masses (T, 2, H, W) as the store keeps them."""
+    return np.stack(mass).astype(np.float16).astype(np.float32)
 
 
 def _given(value: NDArray[np.generic] | None) -> NDArray[np.generic]:

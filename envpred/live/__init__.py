@@ -1,1 +1,1 @@
-"""What leaves the framework while a drive goes on: forecasts for planners, recordings for other tools."""
+"""A drive as it happens: one scan in, one forecast out; and what leaves the framework then, for planners and eyes."""

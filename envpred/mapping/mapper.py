@@ -8,6 +8,7 @@ Points are told from the ground (Postica et al. 2016), cast as rays into a label
 before (Nuss et al. 2015).  All grids are cut from one lattice, whose cells stay where they are in the world.
 """
 
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
@@ -121,6 +122,9 @@ class Mapper:
         with_forecast: whether the particle filter also forecasts.
         device: where the particle filter runs.
 
+    Attributes:
+        on_stage: called with the name of each stage when it is done: ground, label, evidence, and velocities if made.
+
     Raises:
         UserError: if the wider grid does not go with the judged one.
     """
@@ -153,6 +157,7 @@ class Mapper:
             from envpred.mapping.dogma import VelocityFilter
 
             self._filter = VelocityFilter(velocities, self.grid, period, seed, with_forecast, device)
+        self.on_stage: Callable[[str], object] = _nobody_looks
         self._before: tuple[IntArray, float] | None = None  # centre cell and time of the last scan
 
     def reset(self) -> None:
@@ -182,19 +187,24 @@ class Mapper:
 
         reach, context_reach = self.grid.reach, None if self.context is None else self.context.reach
         obstacle = self.parameters.ground.obstacles(points, reach, self.sensor_height, context_reach)
+        self.on_stage("ground")
         where = pose @ self.sensor_to_body, centre_cell, self.origin, self.grid
         context_label = context_mass = None
-        if self.context is None or self._wide is None:
+        if self.context is None:
             label = self.parameters.rays.label(points, obstacle, *where, self.body)
         else:
             label, context_label = self.parameters.rays.labels(points, obstacle, *where, self.context, self.body)
+        self.on_stage("label")
+        if self._wide is not None and context_label is not None:
             context_mass = self._wide.step(context_label, shift)
         mass = self._judged.step(label, shift)
+        self.on_stage("evidence")
 
         velocities = None
         if self._filter is not None:
             measured = evidence.measured(label, self.parameters.evidence)
             velocities = self._filter.step(measured, centre_cell, pose[:2, 3])
+            self.on_stage("velocities")
         return Mapped(label, mass, centre_cell, velocities, context_label, context_mass, obstacle, pose, time)
 
     def _shift(self, centre_cell: IntArray, time: float) -> IntArray:
@@ -208,3 +218,7 @@ class Mapper:
         before = centre_cell if self._before is None else self._before[0]
         self._before = centre_cell, time
         return centre_cell - before
+
+
+def _nobody_looks(stage: str) -> None:
+    """What is called of a stage that nobody waits for."""

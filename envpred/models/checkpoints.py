@@ -13,13 +13,14 @@ from lightning.pytorch.callbacks import ModelCheckpoint
 from lightning.pytorch.trainer.states import TrainerFn
 from lightning.pytorch.utilities import rank_zero_info
 
-from envpred.datamodules import GridDataModule
 from envpred.errors import UserError, short
 from envpred.gate import conform
 from envpred.gate.arrays import DAMAGED
 from envpred.gate.runs import Checkpoint, Progress
 from envpred.models import checksums
 from envpred.store.files import replaced
+
+LIKE_THAT = "build a store like that which it was trained on"
 
 
 class StageCheckpoint(ModelCheckpoint):
@@ -195,18 +196,26 @@ def check_content(file: Path) -> bool:
         raise UserError(f"{file}: damaged or no checkpoint; {_another(file)}") from None
 
 
-def check_grids(trained: Mapping[str, Any], dataset: GridDataModule, context: bool) -> None:
+def check_grids(
+    trained: Mapping[str, Any], here: Mapping[str, Any], context: bool, whose: object, remedy: str = LIKE_THAT
+) -> None:
     """Refuse grids of another time base, cell or size (with `context`, also around them) than weights were trained on.
+
+    Args:
+        trained: what the weights were trained on.
+        here: what the grids are, see `GridDataModule.grids`.
+        context: whether the wide grid counts.
+        whose: the grids are.
+        remedy: what else to do than to give another checkpoint.
 
     Raises:
         UserError: naming what differs.
     """
-    here = dataset.grids()
     for name, unit in (("period", " s"), ("resolution", " m"), ("cells", " cells"), ("context", " cells of context")):
         if trained.get(name) != here[name] and not (name == "context" and not context):
             raise UserError(
-                f"the checkpoint was trained on grids of {trained.get(name)}{unit}, {dataset.store} has "
-                f"{here[name]}{unit}; build a store like that which it was trained on, or give another checkpoint"
+                f"the checkpoint was trained on grids of {trained.get(name)}{unit}, {whose} has "
+                f"{here[name]}{unit}; {remedy}, or give another checkpoint"
             )
 
 

@@ -254,7 +254,7 @@ class Forecaster(NumberedLoss):
         if getattr(self, "_trainer", None) is not None:
             trust_no_path(checkpoint, self.trainer)
             if self.trained is not None:
-                check_grids(self.trained["data"], self.dataset, self.needs.context)
+                check_grids(self.trained["data"], self.dataset.grids(), self.needs.context, self.dataset.store)
             check_loops(checkpoint, self.trainer)
         kind = checkpoint.get("forecaster", type(self).__name__)
         if kind != type(self).__name__:

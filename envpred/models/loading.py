@@ -46,6 +46,7 @@ def load_forecaster(
     try:
         forecaster: Forecaster = kind(**{k: v for k, v in parameters.items() if k in taken})
         forecaster.load_state_dict(content["state_dict"])
+        forecaster.trained = content.get("trained")
     except (RuntimeError, TypeError, ValueError, LookupError, AttributeError):
         raise UserError(f"{file}: its weights are not those of {class_path}; train it again, or give another") from None
     return forecaster.eval().requires_grad_(False).to(device)
