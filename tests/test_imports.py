@@ -40,7 +40,18 @@ ALLOWED: dict[str, set[str]] = {
     },
     "report": {"pictures", "results", "metrics", "store.files", "horizons", "gate", "errors"},
     "cli": {
-        *("callbacks", "report", "live", "simulate", "build", "pictures", "results", "models", "datamodules", "metrics"),
+        *(
+            "callbacks",
+            "report",
+            "live",
+            "simulate",
+            "build",
+            "pictures",
+            "results",
+            "models",
+            "datamodules",
+            "metrics",
+        ),
         *("mapping", "drives", "store", "horizons", "interrupts", "gate", "errors", "__version__"),
     },
     "__init__": {"caches", "drives", "mapping.mapper", "datamodules", "models", "store", "live.stream"},  # the face

@@ -3,18 +3,16 @@
 Validate, test and predict take the same ones, so what is read here holds for them, too.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import yaml
 
 from envpred.cli.lightning import EnvpredCLI, as_parsed, check_accelerator, lightning
-from envpred.cli.tokens import pairs
+from envpred.cli.tokens import split_arguments
 from envpred.errors import UserError, nearest
 from envpred.store.files import flat
 
-# First parts of the names of its options: each is the name itself, or starts with it and a dot.
-OPTIONS = ("config", "seed_everything", "trainer", "model", "data", "predictions", "results", "pictures")
 RUN = ("name", "out")  # where a run lies, which whoever starts many decides
 
 
@@ -86,17 +84,6 @@ class FitArguments:
                 near = nearest(name, self.values)
                 hint = f"; did you mean {near}?" if near else "; `envpred fit --print_config` lists them all"
                 raise UserError(f"{where}: `envpred fit` takes no argument {name} with this model{hint}")
-
-
-def split_arguments(args: list[str], names: Sequence[str] = OPTIONS) -> tuple[list[str], list[str]]:
-    """Split a command line into what is none of `envpred fit`'s options, and those of them that `names` names."""
-    others: list[str] = []
-    named: list[str] = []
-    for name, value in pairs(args):
-        is_named = name is not None and name.split(".", 1)[0].removesuffix("+") in names
-        parts = [part for part in (name and f"--{name}", value) if part is not None]
-        (named if is_named else others).append("=".join(parts))
-    return others, named
 
 
 def names_configuration(args: list[str]) -> bool:

@@ -101,7 +101,8 @@ def of_command(name: str) -> ArgumentParser:
                 _add(inner, option)
     group.add_argument("--config", metavar="NAME", help=_config_help(command.configs))
     if command.takes_fit:
-        parser.epilog = "options of `envpred fit` (--config, --model.*, --data.*, --trainer.*) go to every run"
+        where = "go to every run" if command.function.startswith("sweeps.") else "say which forecaster"
+        parser.epilog = f"options of `envpred fit` (--config, --model.*, --data.*, --trainer.*) {where}"
     _add_helps(group)
     return parser
 

@@ -9,8 +9,8 @@ from envpred.cli.help import of_command
 from envpred.cli.mistakes import Strict
 from envpred.cli.registry import COMMANDS
 from envpred.cli.signatures import options
-from envpred.cli.sweeps import module
-from envpred.cli.tokens import plain
+from envpred.cli.sweeps import NAME, module
+from envpred.cli.tokens import plain, split_arguments
 from envpred.errors import as_raised
 from envpred.interrupts import ends_at_once
 
@@ -20,7 +20,7 @@ def own(name: str, args: list[str]) -> None:
     if asks_for_help(args):
         print(of_command(name).format_help())
         return
-    if COMMANDS[name].takes_fit:
+    if COMMANDS[name].function.startswith(NAME):
         with ends_at_once():
             sweeps = module(COMMANDS[name].function.split(".")[1])
         sweeps.main(args)
@@ -28,7 +28,11 @@ def own(name: str, args: list[str]) -> None:
     with ends_at_once():  # types of the arguments are read here, which may load torch
         room, function = COMMANDS[name].function.rsplit(".", 1)
         run = getattr(import_module(room), function)
-        values = parsed(name, run, args)
+        if COMMANDS[name].takes_fit:
+            ours, fit = split_arguments(args)
+            values = parsed(name, run, ours, skip=("fit",)) | {"fit": fit}
+        else:
+            values = parsed(name, run, args)
     run(**values)
 
 

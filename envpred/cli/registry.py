@@ -29,6 +29,7 @@ COMMANDS = {
     "report": Command("envpred.cli.commands.report", ("runs", "+")),
     "draw": Command("envpred.cli.commands.draw", ("predictions", "+")),
     "bag": Command("envpred.live.bag.bag"),
+    "live": Command("envpred.cli.live.live", ("source", None), ("model", "data", "preset"), takes_fit=True),
     "tune": Command("sweeps.tune.tune", configs=("model", "data", "preset"), takes_fit=True),
     "ablate": Command("sweeps.ablation.ablation", configs=("model", "data", "preset"), takes_fit=True),
     "paper": Command("sweeps.paper.paper", configs=("model", "data", "preset"), takes_fit=True),

@@ -8,6 +8,8 @@ from envpred.cli.shipped import find, is_name
 from envpred.cli.signatures import Option
 
 CONFIG = ("-c", "--config")
+# First parts of the names of the options of `envpred fit`: each is the name itself, or starts with it and a dot.
+OPTIONS = ("config", "seed_everything", "trainer", "model", "data", "predictions", "results", "pictures")
 ALONE = ("help", "help_all", "print_config", "version")  # options that need no value
 
 
@@ -60,6 +62,20 @@ def pairs(args: Sequence[str], flags: Collection[str] = ()) -> Iterator[tuple[st
             yield token[2:], rest.pop(0)
         else:
             yield token[2:], None
+
+
+def split_arguments(args: list[str], names: Sequence[str] = OPTIONS) -> tuple[list[str], list[str]]:
+    """Split a command line into what is none of `envpred fit`'s options, and those of them that `names` names.
+
+    `-c x.yaml` and `--config x.yaml` are both the option `config`; a value stays with the option before it.
+    """
+    others: list[str] = []
+    named: list[str] = []
+    for name, value in pairs(args):
+        is_named = name is not None and name.split(".", 1)[0].removesuffix("+") in names
+        parts = [part for part in (name and f"--{name}", value) if part is not None]
+        (named if is_named else others).append("=".join(parts))
+    return others, named
 
 
 def _is_value(token: str, of_flag: bool) -> bool:

@@ -21,8 +21,8 @@ from envpred.datamodules.grids import AHEAD
 from envpred.drives import Drive
 from envpred.drives.plausible import FARTHEST
 from envpred.errors import UserError, check_number
-from envpred.live.arrivals import Arrivals, Verdict
 from envpred.live.ahead import LiveForecast, counted_from, steps_beyond
+from envpred.live.arrivals import Arrivals, Verdict
 from envpred.live.placed import PlacedForecast
 from envpred.mapping.dogma import DogmaParameters
 from envpred.mapping.geometry import (
@@ -69,8 +69,10 @@ class Stream:
     Attributes:
         mapper: of the scans.
         mapped: what is known after the last scan that was taken.
+        points: (N, 3) or more of that scan, those that were mapped.
         seen: what the last forecast was made of.
         forecast: the last one, as the forecaster gave it.
+        starts: how often evidence has started anew.
 
     Raises:
         UserError: if the forecaster reads the future, or was trained on grids of another kind.
@@ -129,8 +131,10 @@ class Stream:
         self._frames: deque[Mapped] = deque(maxlen=self.forecaster.given)
         self._told: set[str] = set()
         self.on_stage: Callable[[str], object] = _nobody_looks
+        self.points = np.empty((0, 3), np.float32)
         self.seen: Seen | None = None
         self.forecast: Forecast | None = None
+        self.starts = 0
         self.mapper = self._mapper(period, origin)
 
     @classmethod
@@ -196,6 +200,7 @@ class Stream:
             return None
         if verdict.anew:
             self._start_anew(verdict)
+        self.points = clean
         self._frames.append(self.mapper.step(clean, np.asarray(pose, np.float64), time))
         if len(self._frames) < self.forecaster.given:
             return None
@@ -238,6 +243,8 @@ class Stream:
 
     def _start_anew(self, verdict: Verdict) -> None:
         """Forget what was seen."""
+        self.starts += 1
+        self.seen = self.forecast = None
         self._frames.clear()
         if verdict.period is not None:
             self.mapper = self._mapper(verdict.period, self.mapper.origin)

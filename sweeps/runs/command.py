@@ -5,9 +5,9 @@ import sys
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from envpred.cli.arguments import split_arguments
 from envpred.cli.help import of_command
 from envpred.cli.own import asks_for_help, parsed
+from envpred.cli.tokens import split_arguments
 from envpred.errors import UserError
 from envpred.interrupts import ends_at_once, exit_code, raised
 

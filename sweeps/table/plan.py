@@ -5,7 +5,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from envpred.cli.arguments import FitArguments, as_options, split_arguments
+from envpred.cli.arguments import FitArguments, as_options
+from envpred.cli.tokens import split_arguments
 from envpred.datamodules.variants import VARIANTS
 from envpred.errors import UserError, check_number
 

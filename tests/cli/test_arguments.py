@@ -5,7 +5,8 @@ from pathlib import Path
 import pytest
 import yaml
 
-from envpred.cli.arguments import OPTIONS, FitArguments, as_options, names_configuration, split_arguments
+from envpred.cli.arguments import FitArguments, as_options, names_configuration
+from envpred.cli.tokens import OPTIONS, split_arguments
 from envpred.errors import UserError
 
 

@@ -1,5 +1,6 @@
 """A stream forecasts what the batch path does, and goes on where scans, stamps or poses are not as they should be."""
 
+import resource
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -15,7 +16,7 @@ import envpred
 from envpred.build.dogma import build_dogma
 from envpred.build.grids import build
 from envpred.datamodules import GridDataModule
-from envpred.drives import Drive, one_drive
+from envpred.drives import Drive
 from envpred.errors import UserError
 from envpred.live.ahead import UNKNOWN, LiveForecast, _between
 from envpred.live.stream import Stream
@@ -24,18 +25,15 @@ from envpred.mapping.geometry import GridSpec
 from envpred.mapping.mapper import MappingParameters
 from envpred.mapping.particle_state import GROUND
 from envpred.models import Forecaster, LastFrame, PredNetForecaster, RolloutForecaster, RolloutOracle
-from tests.drives.synthetic import write_drive
+from tests.live.replays import forecast_frames, small_drive
 
 GRID = GridSpec(32)
 PARTICLES = DogmaParameters(replace(GROUND, persistent=2000, births=200))
-GAP = 18  # a frame without a scan
 
 
 @pytest.fixture(scope="module")
 def drive(tmp_path_factory: pytest.TempPathFactory) -> Drive:
-    folder = tmp_path_factory.mktemp("drives")
-    write_drive(folder, frames=30, weave=0.3, azimuths=180, missing_scans={GAP})
-    return one_drive(folder)
+    return small_drive(tmp_path_factory.mktemp("drives"))
 
 
 @pytest.fixture(scope="module")
@@ -81,7 +79,7 @@ def test_a_stream_equals_the_batch_path_to_the_bit(name: str, drive: Drive, stor
         for t, k in enumerate(drive.frames)
         if (forecast := stream.update(drive.scan(k), drive.pose(k), drive.time(k))) is not None
     }
-    assert list(found) == list(expected) == [*range(4, GAP), *range(GAP + 4, 29)]  # five frames are seen after the gap
+    assert list(found) == list(expected) == forecast_frames()
     for t, forecast in found.items():
         np.testing.assert_array_equal(forecast.probability, expected[t].probability[0].numpy())
         if expected[t].samples is not None:
@@ -291,6 +289,25 @@ def test_restarting_loses_no_more_than_the_context(drive: Drive) -> None:
     assert b is not None
     assert np.abs(a.mass - b.mass).max() <= 0.9**5 + 1e-6  # what was seen before has faded to that
     np.testing.assert_array_equal(a.label, b.label)
+
+
+def resident() -> float:
+    """Memory of this process, MiB."""
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    return pages * resource.getpagesize() / 2**20
+
+
+@pytest.mark.slow
+def test_ten_thousand_scans_leave_memory_as_it_was(drive: Drive) -> None:
+    forecaster = RolloutForecaster(futures=2, samples=True)
+    stream = Stream.of(forecaster, drive, grid=GridSpec(16), horizons=3, warn=lambda said: None)
+    scans, pose, found = [drive.scan(k) for k in drive.frames[:10]], np.eye(4), []
+    for n in range(10_000):
+        pose[0, 3] = 0.5 * n
+        assert (stream.update(scans[n % 10], pose.copy(), 0.1 * n) is None) == (n < 4)
+        if n % 1000 == 999:
+            found.append(resident())
+    assert max(found[2:]) - found[1] < 8  # what is known after so many scans would take a hundred
 
 
 def test_what_a_stream_cannot_run_is_refused(drive: Drive) -> None:

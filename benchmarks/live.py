@@ -1,0 +1,87 @@
+"""Times a stream stage by stage on a recorded drive: scan, ground, label, evidence, velocities, forecast.
+
+    python -m benchmarks.live KITTI_ROOT [--drive NAME] [--config rollout] [--threads 2] [--rounds 2] [--long 0]
+
+The promises, on two cores, 15 horizons, scans in memory, for the rollout: half of the scans are forecast within 60 ms
+and 99 of 100 within 100 ms, KITTI's rate; the rollout alone within 40 ms, half of them.  `--long 10000` sends so many
+scans, the drive's over and over, through one stream, and prints latency and memory of each tenth: neither may grow.
+"""
+
+import argparse
+import resource
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from benchmarks.timing import print_table
+from envpred.cli.forecasters import chosen_forecaster
+from envpred.drives import Drive, one_drive
+from envpred.live.replay import READ, STAGES, WHOLE, Latency, replay, warmed
+from envpred.live.stream import Stream
+from envpred.models import Forecaster
+
+PROMISES = {WHOLE: {0.5: 60.0, 0.99: 100.0}, "forecast": {0.5: 40.0}}  # milliseconds, by share of the scans
+SHARES = (0.5, 0.95, 0.99)
+
+
+def stages(forecaster: Forecaster, drive: Drive, rounds: int) -> None:
+    """Print how long each stage takes, over so many replays of the drive."""
+    latency = Latency()
+    for _ in range(rounds):
+        for _ in replay(warmed(lambda: Stream.of(forecaster, drive), drive), drive, latency):
+            pass
+    rows = []
+    for name in (READ, *STAGES, WHOLE):
+        if latency.stages[name]:
+            found = {share: 1e3 * float(np.quantile(latency.stages[name], share)) for share in SHARES}
+            kept = [
+                f"{share:.0%} <= {most:.0f}: {'kept' if found[share] <= most else 'MISSED'}"
+                for share, most in PROMISES.get(name, {}).items()
+            ]
+            rows.append((name, *(f"{ms:.1f}" for ms in found.values()), ", ".join(kept)))
+    print_table(
+        (f"{torch.get_num_threads()} threads, {latency.scans} scans", "median", "95 %", "99 %", "promise"), rows
+    )
+
+
+def drift(forecaster: Forecaster, drive: Drive, scans: int) -> None:
+    """Print latency and memory of each tenth of so many scans through one stream."""
+    stream, latency = warmed(lambda: Stream.of(forecaster, drive, warn=lambda said: None), drive), Latency()
+    held = [drive.scan(k) for k in drive.frames]
+    stream.watch(latency.end)
+    rows = []
+    for n in range(scans):
+        turn, t = divmod(n, len(held))
+        latency.begin()
+        stream.update(held[t], drive.poses[t], float(drive.times[t]) + turn * (float(drive.times[-1]) + 0.1))
+        if (n + 1) % (scans // 10) == 0:
+            ms = 1e3 * float(np.median(latency.stages.pop("forecast")))
+            memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+            rows.append((f"{n + 1}", f"{ms:.1f}", f"{memory:.0f}"))
+            latency.stages.clear()
+    print_table(("scans", "forecast, median ms", "peak MiB"), rows)
+
+
+def main() -> None:
+    """Time a stream, and look whether it grows."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("source", type=Path)
+    parser.add_argument("--drive")
+    parser.add_argument("--config", default="rollout")
+    parser.add_argument("--ckpt_path")
+    parser.add_argument("--threads", type=int, default=2)
+    parser.add_argument("--rounds", type=int, default=2)
+    parser.add_argument("--long", type=int, default=0)
+    given = parser.parse_args()
+    torch.set_num_threads(given.threads)
+    drive = one_drive(given.source, given.drive)
+    fit = [] if given.ckpt_path else [f"--config={given.config}"]
+    forecaster = chosen_forecaster(fit, given.ckpt_path)
+    stages(forecaster, drive, given.rounds)
+    if given.long:
+        drift(forecaster, drive, given.long)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,44 @@
+"""The forecaster that a command line of `envpred fit` and a checkpoint say, without a store of grids."""
+
+from pathlib import Path
+
+from envpred.cli.lightning import EnvpredCLI, lightning
+from envpred.errors import UserError
+from envpred.models import Forecaster
+from envpred.models.checkpoints import read_checkpoint
+from envpred.models.loading import load_forecaster
+
+NEWEST = ("best", "last", "none")  # checkpoints that go by the model
+
+
+class _Built(EnvpredCLI):
+    """The command line of `envpred test`, parsed and built, but not run."""
+
+    def _run_subcommand(self, subcommand: str) -> None:
+        pass
+
+    @property
+    def checkpoint(self) -> str | None:
+        """The checkpoint that weights come from."""
+        found: str | None = self._options.get("ckpt_path")
+        return found
+
+
+def chosen_forecaster(fit: list[str], ckpt_path: str | None) -> Forecaster:
+    """The forecaster of the options `fit`, with the weights of a checkpoint if one is given.
+
+    Raises:
+        UserError: if they say none, or the checkpoint is not that of the forecaster.
+    """
+    if not fit:
+        if ckpt_path is None or ckpt_path in NEWEST:
+            raise UserError("say which forecaster: give --config rollout, or another that `envpred configs` lists")
+        return load_forecaster(ckpt_path)
+    weights = [] if ckpt_path is None else [f"--ckpt_path={ckpt_path}"]
+    built = lightning(["test", "--data.store=.", *fit, *weights], _Built)
+    forecaster: Forecaster = built.model
+    if built.checkpoint is not None:
+        content = read_checkpoint(Path(built.checkpoint))
+        forecaster.on_load_checkpoint(content)
+        forecaster.load_state_dict(content["state_dict"])
+    return forecaster.eval().requires_grad_(False)
