@@ -148,6 +148,13 @@ COMMANDS = {
         check=drives_are_whole,
     ),
     "simulate": Command(lambda _: ["simulate", "drives", "--drives=3", "--frames=8", "--workers=2"], hashes),
+    "live": Command(
+        lambda inputs: [
+            *("live", str(inputs / "drives"), "--config=rollout", "--model.futures=2", "--model.movers=false"),
+            *("--grid.cells=32", "--out=live.html"),
+        ],
+        hashes,
+    ),
     "fit": Command(
         lambda inputs: [
             *("fit", *TINY, *FIT, "--config=dst_static", f"--data.store={inputs / 'grids'}", "--data.samples=8"),
