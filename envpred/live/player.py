@@ -127,7 +127,7 @@ class Player:
             f"{in_seconds(self.stream.horizons * self.stream.period)} ahead; cells of "
             f"{self.stream.mapper.grid.resolution:.2f} m; maps with east to the right and north up."
         )
-        text = (files("envpred.live") / TEMPLATE).read_text("utf-8")
+        text = (files("envpred.live") / TEMPLATE).read_text(encoding="utf-8")
         for mark, value in (
             ("__TITLE__", html.escape(title)),
             ("__FACTS__", html.escape(facts)),

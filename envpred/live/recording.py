@@ -141,9 +141,7 @@ class _Recorder:
         shape = self.rr.Boxes3D(
             centers=[(x, y, z + box.size[2] / 2) for box, (x, y, z, _) in found],
             sizes=[box.size for box, _ in found],
-            quaternions=[
-                self.rr.Quaternion(xyzw=[0, 0, np.sin(pose[3] / 2), np.cos(pose[3] / 2)]) for _, pose in found
-            ],
+            quaternions=[self.rr.Quaternion(xyzw=[0, 0, np.sin(half), np.cos(half)]) for half in turns],
             labels=[box.kind for box, _ in found],
             colors=[SKY],
         )

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from envpred.drives import Drive
-from envpred.live.placed import PlacedForecast
+from envpred.live.ahead import LiveForecast
 from envpred.live.stream import Stream
 from envpred.mapping.mapper import Mapped
 
@@ -30,7 +30,7 @@ class Step(NamedTuple):
     frame: int
     points: NDArray[np.float32]
     mapped: Mapped | None
-    forecast: PlacedForecast | None
+    forecast: LiveForecast | None
 
 
 class Latency:

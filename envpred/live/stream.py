@@ -215,9 +215,9 @@ class Stream:
         origin, forecaster = self.mapper.origin, self.forecaster
         assert origin is not None  # a scan has given it
         reach = self.forecast.probability.shape[1]
-        rolls = isinstance(forecaster, RolloutForecaster)
-        futures = np.asarray(forecaster.futures(self.seen, reach)[0]) if rolls else None
-        motion = forecaster.motion if rolls else None
+        futures = motion = None
+        if isinstance(forecaster, RolloutForecaster):
+            futures, motion = np.asarray(forecaster.futures(self.seen, reach)[0]), forecaster.motion
         return PlacedForecast.of(self.forecast, self.seen, origin, self._frames[-1].time, futures, motion)
 
     def watch(self, on_stage: Callable[[str], object]) -> None:

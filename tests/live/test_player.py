@@ -47,7 +47,9 @@ def played(drive: Drive, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path
 
 def content(page: Path) -> dict[str, Any]:
     """The data of a page."""
-    found = re.search(r'<script id="data" type="application/json">(.*?)</script>', page.read_text("utf-8"), re.DOTALL)
+    found = re.search(
+        r'<script id="data" type="application/json">(.*?)</script>', page.read_text(encoding="utf-8"), re.DOTALL
+    )
     assert found
     data: dict[str, Any] = json.loads(found[1])
     return data
@@ -96,7 +98,7 @@ def use(page: Path, width: int, folder: Path) -> dict[str, Any]:
     assert BROWSER is not None
     probed = folder / "probed.html"
     watch, controls = (f"<script>{(HERE / name).read_text('utf-8')}</script>" for name in ("watch.js", "use.js"))
-    text = page.read_text("utf-8").replace('<meta name="viewport"', f'{watch}<meta name="viewport"', 1)
+    text = page.read_text(encoding="utf-8").replace('<meta name="viewport"', f'{watch}<meta name="viewport"', 1)
     probed.write_text(text.replace("</body>", f"{controls}</body>"))
     size = [f"--window-size={width},1000", "--virtual-time-budget=20000", f"--user-data-dir={folder / 'profile'}"]
     done = subprocess.run(
@@ -147,7 +149,7 @@ def test_every_control_of_the_page(played: tuple[Path, list[Step]], width: int, 
 
 
 def test_the_page_names_nothing_outside_itself(played: tuple[Path, list[Step]]) -> None:
-    text = played[0].read_text("utf-8")
+    text = played[0].read_text(encoding="utf-8")
     assert not re.findall(r'(?:src|href)="(?!data:)', text)
     assert "default-src 'none'" in text
     assert "<h1>2011_09_26_drive_0001_sync: rollout &amp; &lt;more&gt;</h1>" in text

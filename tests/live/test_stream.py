@@ -109,6 +109,24 @@ def test_the_grids_of_a_forecast_have_a_place_and_a_time(drive: Drive) -> None:
     assert forecast.probability.shape == (15, 32, 32)
 
 
+def test_exports_take_the_last_forecast(drive: Drive) -> None:
+    """With the samples' own egos, and none before there is a forecast or after evidence has started anew."""
+    stream = Stream.of(RolloutForecaster(samples=True, futures=2), drive, grid=GRID, warn=lambda said: None)
+    assert stream.placed() is None
+    feed(stream, drive, range(6))
+    found = stream.placed()
+    assert found is not None
+    assert stream.forecast is not None
+    np.testing.assert_array_equal(found.probability, stream.forecast.probability[0])
+    assert found.sample_ego is not None
+    assert found.sample_ego.shape == (2, 15, 3)
+    assert found.time == drive.time(5)
+    origin, resolution = np.array(found.origin), found.resolution
+    assert found.now[:2] * resolution + origin == pytest.approx(drive.pose(5)[:2, 3], abs=1e-4)
+    feed(stream, drive, range(9, 10))
+    assert stream.placed() is None
+
+
 def test_a_delay_forecasts_from_a_later_present(drive: Drive) -> None:
     """By whole horizons the same grids later; between two of them, their mean, moved to where the ego is."""
     forecasts: dict[float, LiveForecast] = {}
