@@ -27,7 +27,10 @@ ALLOWED: dict[str, set[str]] = {
     "drives": {"mapping.geometry", "mapping.period", "gate", "errors"},
     "build": {"drives", "mapping", "store", "interrupts", "errors"},
     "datamodules": {"mapping", "store", "horizons", "errors"},
-    "models": {"networks", "datamodules", "metrics", "mapping", "store.files", "horizons", "gate", "errors"},
+    "models": {
+        *("networks", "datamodules", "metrics", "mapping", "store.files", "results.result", "horizons", "gate"),
+        "errors",
+    },
     "results": {"mapping", "store", "horizons", "gate", "errors", "__version__"},
     "pictures": {"mapping", "store", "results", "horizons", "errors"},
     "simulate": {"compiled", "drives", "mapping", "build", "store", "pictures", "gate", "errors"},

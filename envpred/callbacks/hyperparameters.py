@@ -8,7 +8,7 @@ from torch.utils.tensorboard.summary import hparams
 from envpred.callbacks.loggers import tensorboard
 from envpred.callbacks.validations import MSE, best_validation
 from envpred.models import Forecaster
-from envpred.models.forecaster import seed
+from envpred.models.origins import seed
 
 FINAL = "final/val_mse"  # of the best checkpoint; where none is kept, of the last validation
 DATA = ("split", "length", "samples", "batch_size", "augment", "crop", "seed")  # what is told of the data module

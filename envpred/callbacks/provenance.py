@@ -4,7 +4,7 @@ import sys
 from typing import Any
 
 from envpred.models import Forecaster
-from envpred.models.forecaster import seed
+from envpred.models.origins import seed
 from envpred.results.result import revision, short_name
 
 
@@ -19,7 +19,7 @@ def provenance(forecaster: Forecaster, part: str) -> dict[str, Any]:
             "flops": forecaster.work(forecaster.batch_of(part, 0)),
             # What weights were trained with is what their checkpoint says, whatever this command did.
             "hyperparameters": (forecaster.trained or {}).get("hyperparameters", dict(forecaster.hparams)),
-            "untrained": not forecaster.is_fixed and not trainer.ckpt_path,
+            "untrained": not (forecaster.is_fixed or trainer.ckpt_path or forecaster.trained),
             "trained": forecaster.trained,
         },
         "role": forecaster.role,

@@ -1,5 +1,6 @@
 """Writes what each validation of a training found, and which of them the best checkpoints are of."""
 
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -40,10 +41,15 @@ class Validations(Callback):
 
     def on_validation_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
         metrics = {name: float(value) for name, value in trainer.callback_metrics.items()}
-        if trainer.state.fn == TrainerFn.FITTING and not trainer.sanity_checking and MSE in metrics:
-            stage = getattr(pl_module, "stage", None)
-            self.history.validations.append(_validation(trainer.current_epoch, trainer.global_step, stage, metrics))
-            self._write(trainer)
+        if trainer.state.fn != TrainerFn.FITTING or MSE not in metrics:
+            return
+        stage = getattr(pl_module, "stage", None)
+        found = _validation(trainer.current_epoch, trainer.global_step, stage, metrics)
+        if not trainer.sanity_checking:
+            self.history.validations.append(found)
+        elif math.isinf(trainer.num_sanity_val_steps):  # of all windows, before training from weights
+            self.history = self.history._replace(initial=found)
+        self._write(trainer)
 
     def on_train_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
         self._note_checkpoints(trainer)
@@ -58,7 +64,7 @@ class Validations(Callback):
 
     def load_state_dict(self, state_dict: dict[str, Any]) -> None:
         conform(state_dict, Schema, "validations of the checkpoint", "give another checkpoint")
-        self.history = History(state_dict["validations"], state_dict["best"], state_dict.get("ended"))
+        self.history = History.of(state_dict)
 
     def _note_checkpoints(self, trainer: Trainer) -> None:
         """Note the newest validation for each checkpoint that it has improved.
@@ -91,10 +97,15 @@ class Validations(Callback):
             raise UserError(f"{folder / VALIDATIONS}: cannot be written ({error.strerror}); make room") from None
 
 
+def history(trainer: Trainer) -> History:
+    """The validations of the training that has just ended."""
+    found = next((c for c in trainer.callbacks if isinstance(c, Validations)), None)  # type: ignore[attr-defined]
+    return History([], {}) if found is None else found.history
+
+
 def best_validation(trainer: Trainer) -> Chosen | None:
     """The best checkpoint of the training that has just ended, and its validation; None if it kept none."""
-    found = next((c for c in trainer.callbacks if isinstance(c, Validations)), None)  # type: ignore[attr-defined]
-    return None if found is None else found.history.chosen()
+    return history(trainer).chosen()
 
 
 def _validation(epoch: int, step: int, stage: str | None, metrics: Mapping[str, float]) -> Validation:

@@ -217,3 +217,18 @@ def draw(
     from envpred.cli.draw import draw as draw_window
 
     print(draw_window(predictions, out, window, store, source, horizons))
+
+
+def export_weights(run: Path, name: str, out: Path = Path("weights"), results: list[Path] | None = None) -> None:
+    """Make weights that load by their folder from a run of `envpred fit`, with a card that tells of them.
+
+    Args:
+        run: folder that `envpred fit` wrote; its best checkpoint is taken.
+        name: of the weights, and of their folder.
+        out: folder of the weights' folder.
+        results: test runs of these weights (`envpred test --weights OUT/NAME`) and of methods beside them, on any
+            stores, for the card.
+    """
+    from envpred.cli.export import export as write_weights
+
+    print("\n".join(write_weights(run, name, out, results or [])))

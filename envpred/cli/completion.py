@@ -8,6 +8,7 @@ import shtab
 from envpred.cli.help import of_command, of_lightning
 from envpred.cli.registry import COMMANDS, LIGHTNING
 from envpred.cli.shipped import COMPLETE, names
+from envpred.gate.weights import shipped
 
 
 def completion(shell: Literal["bash", "zsh", "tcsh"]) -> None:
@@ -38,6 +39,8 @@ def _add(
         if action.dest in ("config", "space"):
             kinds = configs if action.dest == "config" else ("space",)
             action.choices = [short for kind in kinds for short in names(kind)]
+        elif action.dest == "weights":
+            action.choices = list(shipped())
         elif action.nargs != 0 and action.choices is None:
             action.complete = shtab.FILE  # type: ignore[attr-defined]
     commands.add_parser(name, parents=[shown], add_help=False, help=text or shown.description)

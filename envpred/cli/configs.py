@@ -18,8 +18,8 @@ def portable(args: list[str]) -> list[str]:
     """A command line of Lightning's whose configurations hold nothing that its subcommand does not take.
 
     It is written as by `envpred.cli.tokens.plain`.  A run saves its whole configuration, with what Trainer.test or
-    Trainer.predict alone takes.  The checkpoint that was tested goes along to every subcommand but `fit`, which would
-    go on training it.
+    Trainer.predict alone takes.  The checkpoint or the weights that were tested go along to every subcommand but `fit`,
+    which would go on training them.
     """
     if not args or args[0] not in LIGHTNING:
         return args
@@ -36,7 +36,7 @@ def _portable(token: str, subcommand: str) -> str:
         return token
     foreign = {key for key in content if key in _taken_by_any() and key not in _taken(subcommand)}
     if subcommand == "fit" and _saved_by_another(content):
-        foreign |= {"ckpt_path", "weights_only"} & content.keys()
+        foreign |= {"ckpt_path", "weights_only", "weights"} & content.keys()
     if not foreign:
         return token
     kept = {key: value for key, value in content.items() if key not in foreign}

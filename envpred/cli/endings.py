@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from envpred.callbacks.baselines import MOVED, moved_last_frame
-from envpred.callbacks.validations import best_validation
+from envpred.callbacks.validations import best_validation, history
 from envpred.horizons import in_seconds, shown_steps
 from envpred.metrics.about import About
 from envpred.metrics.horizon_mse import HorizonMSE
@@ -20,6 +20,7 @@ from envpred.metrics.skill import skill_against
 from envpred.metrics.windows import PerHorizon
 from envpred.models import Forecaster
 from envpred.results.result import short_name
+from envpred.results.validations import Validation
 
 CONFIG = "config.yaml"  # what Lightning's command line writes into a run's folder
 STATIC_BASELINE, MOVED_LAST_FRAME = "static baseline", "moved last frame"
@@ -44,6 +45,9 @@ def end_of_fit(trainer: Trainer) -> list[str]:
         errors[MOVED_LAST_FRAME] = float(trainer.callback_metrics[f"{MOVED}/mse"])
     told = ", ".join(f"{name} {HorizonMSE.factor * error:.{HorizonMSE.digits}f}" for name, error in errors.items())
     lines.append(f"validation {UNIT}, mean of all horizons: {told} (epoch {validation['epoch']})")
+    initial = history(trainer).initial
+    if initial is not None:
+        lines.append(_gain(str(trainer.lightning_module.hparams["init_from"]), initial, validation))
     found = next((c.dirpath for c in trainer.checkpoint_callbacks if isinstance(c, ModelCheckpoint) and c.dirpath), "")
     checkpoint, config = Path(found) / best.checkpoint, folder / CONFIG
     if folder.resolve() in checkpoint.resolve().parents:
@@ -53,6 +57,13 @@ def end_of_fit(trainer: Trainer) -> list[str]:
             f"next: {shlex.join(['envpred', 'test', '--config', str(config), '--ckpt_path', str(checkpoint)])}"
         )
     return lines
+
+
+def _gain(source: str, before: Validation, after: Validation) -> str:
+    """Whether training has made the weights that it started from better, on the validation windows."""
+    was, now = (HorizonMSE.factor * found["val_mse"] for found in (before, after))
+    told = f"before training, {source}: {was:.{HorizonMSE.digits}f}"
+    return f"{told}; {1 - now / was:.1%} less now" if now < was else f"{told}; training did not help, so keep {source}"
 
 
 def end_of_validation(trainer: Trainer, forecaster: Forecaster) -> list[str]:

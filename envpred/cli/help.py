@@ -36,6 +36,12 @@ RUN = {
         "checkpoint to take weights from, or to resume; best or last: those of the newest fit of this model and "
         "variant; none: random weights on purpose.",
     ),
+    "weights": Option(
+        "weights",
+        "str | None",
+        "None",
+        "weights that ship (`envpred configs` lists them), or a folder alike, with their model's configuration.",
+    ),
     "seed_everything": Option("seed_everything", "int", "0", "seed of everything random."),
 }
 
@@ -118,7 +124,7 @@ def of_lightning(name: str) -> ArgumentParser:
     )
     run = parser.add_argument_group("run")
     run.add_argument("--config", metavar="NAME", help=_config_help(("model", "data")))
-    for option in RUN.values():
+    for option in of_run(name):
         _add(run, option)
     _add_helps(run)
     model = parser.add_argument_group("model")
@@ -140,6 +146,11 @@ def of_lightning(name: str) -> ArgumentParser:
     return parser
 
 
+def of_run(command: str) -> list[Option]:
+    """The options of one of Lightning's commands beside those of models, data and trainer."""
+    return [option for option in RUN.values() if not (command == "fit" and option.name == "weights")]
+
+
 def forecasters() -> str:
     """The forecasters that ship, a line each."""
     found = {name: summary(path) for name, path in exported(MODELS).items() if name != "Forecaster"}
@@ -155,7 +166,7 @@ def known(command: str) -> list[str]:
     """Names of the options of a command, for whoever mistypes one."""
     if command in LIGHTNING:
         found = [option.name for option in options(DATA, "data.")] + [f"trainer.{short}" for short in TRAINER]
-        return [*RUN, "config", "model", "model.help", "help_all", *found]
+        return [*(option.name for option in of_run(command)), "config", "model", "model.help", "help_all", *found]
     return [*(option.name for option in options(COMMANDS[command].function, skip=("fit",))), "config"]
 
 

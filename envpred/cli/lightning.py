@@ -26,6 +26,7 @@ from envpred.cli.shipped import COMPLETE
 from envpred.cli.signatures import options
 from envpred.cli.tokens import plain
 from envpred.cli.unfinished import told_if_ended
+from envpred.cli.weights import check_alone, take, with_configuration
 from envpred.datamodules import GridDataModule
 from envpred.errors import UserError, as_raised, check_number, one_line
 from envpred.models import Forecaster
@@ -65,6 +66,8 @@ class EnvpredCLI(LightningCLI):
         parser.add_lightning_class_args(Pictures, "pictures")
         parser.add_argument("--name", type=str | None, default=None, help=RUN["name"].text)
         parser.add_argument("--out", type=Path, default=Path("runs"), help=RUN["out"].text)
+        if self.command != "fit":
+            parser.add_argument("--weights", type=str | None, default=None, help=RUN["weights"].text)
 
     def _parse_ckpt_path(self) -> None:
         """Find the checkpoint that `best` and `last` stand for, and refuse what is none.
@@ -74,6 +77,7 @@ class EnvpredCLI(LightningCLI):
         """
         options = self.config.get(self.config.subcommand or "") or {}
         asked = options.get("ckpt_path")
+        check_alone(options)
         if asked is None:
             return
         if asked == "none":  # weights as they are initialised, on purpose
@@ -142,6 +146,7 @@ class EnvpredCLI(LightningCLI):
 
         Lightning would warn of 1000 epochs, and log no training loss where epochs have fewer batches than its interval.
         """
+        take(self.model, self._options)
         self._check_weights()
         if self.subcommand == "fit" and self.model.is_fixed:
             name = type(self.model).__name__
@@ -169,7 +174,8 @@ class EnvpredCLI(LightningCLI):
 
     def _check_weights(self) -> None:
         """Refuse to judge weights that nobody has trained, unless that is asked for."""
-        if self.subcommand in (None, "fit") or self._options.get("ckpt_path") or self.untrained or self.model.is_fixed:
+        given = self._options.get("ckpt_path") or self._options.get("weights") or self.untrained
+        if self.subcommand in (None, "fit") or given or self.model.is_fixed:
             return
         try:
             hint = f"give --ckpt_path {self._newest('best')}"
@@ -281,7 +287,7 @@ def lightning(args: list[str] | None = None, kind: type[C] = EnvpredCLI, run: bo
 def as_parsed(args: list[str]) -> list[str]:
     """A command line as its parser takes it, see `envpred.cli.tokens` and `envpred.cli.configs`."""
     tokens = ["--help" if token == "--help_all" else token for token in args]
-    return portable(plain(tokens, [*options(DATA, "data."), *RUN.values()], COMPLETE))
+    return portable(with_configuration(plain(tokens, [*options(DATA, "data."), *RUN.values()], COMPLETE)))
 
 
 def _about_the_run(record: logging.LogRecord) -> bool:

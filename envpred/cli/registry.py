@@ -30,6 +30,7 @@ COMMANDS = {
     "draw": Command("envpred.cli.commands.draw", ("predictions", "+")),
     "bag": Command("envpred.live.bag.bag"),
     "live": Command("envpred.cli.live.live", ("source", None), ("model", "data", "preset"), takes_fit=True),
+    "export_weights": Command("envpred.cli.commands.export_weights", ("run", None)),
     "tune": Command("sweeps.tune.tune", configs=("model", "data", "preset"), takes_fit=True),
     "ablate": Command("sweeps.ablation.ablation", configs=("model", "data", "preset"), takes_fit=True),
     "paper": Command("sweeps.paper.paper", configs=("model", "data", "preset"), takes_fit=True),

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import envpred
 from envpred.errors import UserError, nearest, printable
+from envpred.gate.weights import read_config
+from envpred.gate.weights import shipped as shipped_weights
 
 PACKAGE = Path(envpred.__file__).parent
 # What ships, by its kind: where it lies beside or in the package, and which commands take it.
@@ -55,13 +57,19 @@ def find(name: str, kinds: Sequence[str], option: str = "--config", beside: Path
 
 
 def configs() -> None:
-    """List the configurations, presets and search spaces that ship, by the names that --config and --space take."""
+    """List the configurations, presets, search spaces and weights that ship, by the names that options take."""
     for kind, folder in FOLDERS.items():
         found = names(kind)
         width = max(map(len, found), default=0) + 2
         print(f"{folder} ({'--space' if kind == 'space' else '--config'}):")
         for name, file in found.items():
             print(f"  {name:{width}}{about(file)}")
+    weights = {name: read_config(folder) for name, folder in shipped_weights().items()}
+    width = max(map(len, weights), default=0) + 2
+    print("weights (--weights, --model.init_from):")
+    for name, config in weights.items():
+        trained = len(config["training"]["data"]["drives"])
+        print(f"  {name:{width}}{config['forecaster']}, {config['variant']}, trained on {trained} drives")
 
 
 def is_name(text: str) -> bool:

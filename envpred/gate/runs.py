@@ -162,6 +162,7 @@ class History(Struct):
     validations: list[Validation]
     best: dict[Place, Best]
     ended: Count | None = None
+    initial: Validation | None = None
 
     def __post_init__(self) -> None:
         if any(best["validation"] >= len(self.validations) for best in self.best.values()):

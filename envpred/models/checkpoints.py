@@ -164,8 +164,8 @@ def _unlike(theirs: Any, ours: Any, name: str) -> str | None:
     return next((part for part in found if part), None)
 
 
-def check_weights(checkpoint: Mapping[str, Any], forecaster: LightningModule) -> None:
-    """Refuse weights that are not those of a forecaster, by their names and shapes.
+def check_weights(checkpoint: Mapping[str, Any], forecaster: LightningModule, what: str = "the checkpoint") -> None:
+    """Refuse weights that are not those of a forecaster, by their names and shapes; a message calls them `what`'s.
 
     Raises:
         UserError: naming the first that differs.
@@ -175,7 +175,7 @@ def check_weights(checkpoint: Mapping[str, Any], forecaster: LightningModule) ->
         shapes = [tuple(getattr(held.get(name), "shape", ())) if name in held else None for held in (theirs, ours)]
         if shapes[0] != shapes[1] or not isinstance(theirs[name], torch.Tensor):
             raise UserError(
-                f"the checkpoint's weights are not those of this {type(forecaster).__name__}: {short(name)} is "
+                f"{what}'s weights are not those of this {type(forecaster).__name__}: {short(name)} is "
                 f"{shapes[0]}, not {shapes[1]}; give its own model configuration, or another checkpoint"
             )
 
@@ -197,7 +197,12 @@ def check_content(file: Path) -> bool:
 
 
 def check_grids(
-    trained: Mapping[str, Any], here: Mapping[str, Any], context: bool, whose: object, remedy: str = LIKE_THAT
+    trained: Mapping[str, Any],
+    here: Mapping[str, Any],
+    context: bool,
+    whose: object,
+    remedy: str = LIKE_THAT,
+    what: str = "the checkpoint",
 ) -> None:
     """Refuse grids of another time base, cell or size (with `context`, also around them) than weights were trained on.
 
@@ -207,6 +212,7 @@ def check_grids(
         context: whether the wide grid counts.
         whose: the grids are.
         remedy: what else to do than to give another checkpoint.
+        what: was trained.
 
     Raises:
         UserError: naming what differs.
@@ -214,7 +220,7 @@ def check_grids(
     for name, unit in (("period", " s"), ("resolution", " m"), ("cells", " cells"), ("context", " cells of context")):
         if trained.get(name) != here[name] and not (name == "context" and not context):
             raise UserError(
-                f"the checkpoint was trained on grids of {trained.get(name)}{unit}, {whose} has "
+                f"{what} was trained on grids of {trained.get(name)}{unit}, {whose} has "
                 f"{here[name]}{unit}; {remedy}, or give another checkpoint"
             )
 

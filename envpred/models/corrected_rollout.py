@@ -51,6 +51,7 @@ class CorrectedRolloutForecaster(RolloutForecaster):
         lr: learning rate of Muon.
         max_epochs: epochs of training; the learning rate falls to 0 by their end.
         samples: draw the rollout's samples beside their mean, moved to the corrected one.
+        init_from: weights that training starts from: name of those that ship, or checkpoint.
     """
 
     role: ClassVar[Role] = "learned"
@@ -74,6 +75,7 @@ class CorrectedRolloutForecaster(RolloutForecaster):
         lr: float = 0.07,
         max_epochs: int = 8,
         samples: bool = False,
+        init_from: str | None = None,
     ) -> None:
         super().__init__(variant, given, futures, world, context=True, movers=movers, samples=samples, seed=seed)
         self.save_hyperparameters()

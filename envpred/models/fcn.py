@@ -20,6 +20,7 @@ class FCNForecaster(Forecaster):
         dropout: of the head.
         lr: learning rate of Adam.
         max_epochs: epochs of training.
+        init_from: weights that training starts from: name of those that ship, or checkpoint.
     """
 
     shaping = ("variant", "horizons", "width")
@@ -33,6 +34,7 @@ class FCNForecaster(Forecaster):
         dropout: float = 0.5,
         lr: float = 1e-4,
         max_epochs: int = 79,
+        init_from: str | None = None,
     ) -> None:
         super().__init__(variant, given)
         self.save_hyperparameters()

@@ -1,16 +1,19 @@
 """What all forecasters share: validation, test and prediction are written once, here; only training differs.
 
 A new forecaster is one file: a subclass that implements `forecast`, and says what it needs, what it is, how it trains.
+One with the argument `init_from` can start training from weights of its kind.
 """
 
-import os
+import math
 import time
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from typing import Any, ClassVar, cast
 
 import torch
 from lightning.pytorch.callbacks import Callback, ModelCheckpoint
+from lightning.pytorch.utilities import rank_zero_info
 from torch.utils.flop_counter import FlopCounterMode
 from torchmetrics import MetricCollection
 
@@ -19,14 +22,17 @@ from envpred.datamodules.seen import seen_of
 from envpred.datamodules.variants import variant as variant_of
 from envpred.datamodules.windows import collate
 from envpred.errors import UserError
+from envpred.gate.weights import found
 from envpred.horizons import horizon_name, shown_steps
 from envpred.mapping.mapper import Mapped, Mapper
 from envpred.metrics.collection import forecast_metrics
 from envpred.metrics.horizon_mse import HorizonMSE
 from envpred.metrics.windows import PerHorizon, WindowMetric
-from envpred.models.checkpoints import check_grids, check_loops, check_weights, keep_own_files, trust_no_path
+from envpred.models.checkpoints import check_grids, check_loops, keep_own_files, read_checkpoint, trust_no_path
 from envpred.models.kinds import kinds_of
 from envpred.models.numbers import NumberedLoss, as_asked, check_forecast, check_metrics
+from envpred.models.origins import Clock, check_origin, training
+from envpred.models.weights import Weights
 
 
 class Forecaster(NumberedLoss):
@@ -55,6 +61,8 @@ class Forecaster(NumberedLoss):
         self.validated: dict[str, Any] = {}  # what the last validation found, and the last test
         self.tested: dict[str, Any] = {}
         self.trained: dict[str, Any] | None = None  # what the weights come from
+        self.origin = "the checkpoint"  # how messages call where they come from
+        self.clock = Clock()
         self.forecast_seconds, self.forecast_windows = 0.0, 0
 
     @abstractmethod
@@ -115,7 +123,16 @@ class Forecaster(NumberedLoss):
                 "--data.predict test, or another forecaster"
             )
         if stage == "fit":
+            self.clock.resume(None)
             self._limit_epochs()
+            if self.hparams.get("init_from") and not self.trainer.ckpt_path:
+                self.initialise(str(self.hparams["init_from"]))
+                if not self.trainer.fast_dev_run:  # type: ignore[attr-defined]
+                    self.trainer.num_sanity_val_steps = math.inf  # what they are worth before training
+        if self.trained is not None:
+            check_grids(
+                self.trained["data"], self.dataset.grids(), self.needs.context, self.dataset.store, what=self.origin
+            )
         self.static = HorizonMSE(horizons).to(self.device)
         chosen = MetricCollection({"mse": HorizonMSE(horizons)})
         if stage == "test":
@@ -233,16 +250,37 @@ class Forecaster(NumberedLoss):
             "index": batch["index"],
         }
 
+    def initialise(self, source: str) -> None:
+        """Take the weights that training starts from: those that ship under a name, of a folder alike, of a checkpoint.
+
+        Raises:
+            UserError: if there are none, or they belong to another forecaster, variant or kind of grids.
+        """
+        file = Path(source)
+        if file.is_file() or file.suffix == ".ckpt":
+            self.take(read_checkpoint(file, self.device), "the checkpoint")
+        else:
+            self.take_weights(Weights.read(found(source, "--model.init_from")))
+        rank_zero_info(f"weights: {source}")
+
+    def take_weights(self, weights: Weights) -> None:
+        """Take weights that ship, or lie in a folder alike; otherwise as `take`."""
+        self.take(weights.checkpoint, f"the network of {weights.folder.name}")
+
+    def take(self, checkpoint: Mapping[str, Any], origin: str) -> None:
+        """Take a checkpoint's weights, which messages call those of its `origin`.
+
+        Raises:
+            UserError: if they belong to another forecaster or variant; to other grids, as soon as these are known.
+        """
+        check_origin(checkpoint, self, origin)
+        self.load_state_dict(dict(checkpoint["state_dict"]))
+        self.trained, self.origin = checkpoint.get("trained"), origin
+
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         checkpoint["forecaster"] = type(self).__name__
         checkpoint["class_path"] = f"{type(self).__module__}.{type(self).__qualname__}"
-        checkpoint["trained"] = self.trained = self._training()
-
-    def _training(self) -> dict[str, Any]:
-        """What the weights come from, as plain data that goes with them."""
-        told = self.dataset.describe("train")
-        del told["windows"]
-        return {"data": told, "seed": seed(), "hyperparameters": dict(self.hparams)}
+        checkpoint["trained"] = self.trained = training(self)
 
     def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         """Refuse a checkpoint whose weights belong to another forecaster, variant or kind of grids.
@@ -251,33 +289,10 @@ class Forecaster(NumberedLoss):
             UserError: naming what differs.
         """
         self.trained = checkpoint.get("trained")
+        self.clock.resume(self.trained)
         if getattr(self, "_trainer", None) is not None:
             trust_no_path(checkpoint, self.trainer)
             if self.trained is not None:
                 check_grids(self.trained["data"], self.dataset.grids(), self.needs.context, self.dataset.store)
             check_loops(checkpoint, self.trainer)
-        kind = checkpoint.get("forecaster", type(self).__name__)
-        if kind != type(self).__name__:
-            raise UserError(
-                f"the checkpoint holds a {kind}, not a {type(self).__name__}; give its own model configuration"
-            )
-        theirs = checkpoint.get("hyper_parameters", {})
-        for name in self.shaping:
-            if name in theirs and theirs[name] != self.hparams[name]:
-                room = "data" if name == "variant" else "model"
-                raise UserError(
-                    f"the checkpoint was trained with {name} {theirs[name]}, the command says {self.hparams[name]}; "
-                    f"give --{room}.{name} {_argument(theirs[name])}, or another checkpoint"
-                )
-        check_weights(checkpoint, self)
-
-
-def seed() -> int | None:
-    """The seed of --seed_everything, if there is one."""
-    value = os.environ.get("PL_GLOBAL_SEED")
-    return int(value) if value is not None else None
-
-
-def _argument(value: Any) -> str:
-    """A hyperparameter as it is written on the command line."""
-    return f"'{value}'" if isinstance(value, list) else str(value)
+        check_origin(checkpoint, self, "the checkpoint")

@@ -1,4 +1,4 @@
-"""A trained forecaster from its checkpoint alone, with no code but ours and what the user has chosen."""
+"""A trained forecaster from its checkpoint, or from weights that ship, with no code but ours and what the user chose."""
 
 import inspect
 import sys
@@ -9,10 +9,13 @@ from typing import Any
 
 import torch
 
+import envpred.models
 from envpred.datamodules.variants import VARIANTS
 from envpred.errors import UserError, short
+from envpred.gate.weights import AGAIN, CONFIG, find
 from envpred.models.checkpoints import read_checkpoint
 from envpred.models.forecaster import Forecaster
+from envpred.models.weights import Weights
 
 OURS = "envpred.models"
 
@@ -20,20 +23,23 @@ OURS = "envpred.models"
 def load_forecaster(
     checkpoint: Path | str, device: torch.device | str = "cpu", trusted: Collection[str] = ()
 ) -> Forecaster:
-    """The forecaster that a checkpoint of `envpred fit` holds, ready to forecast.
+    """The forecaster that a checkpoint of `envpred fit` holds, or weights that ship do, ready to forecast.
 
     What a checkpoint names is not imported, as to import a module is to run it: a forecaster or an input variant is
     one of ours, of a module that the program has imported itself, or of one that is `trusted`.
 
     Args:
-        checkpoint: file of a run.
+        checkpoint: file of a run; or the name of weights that ship, or a folder laid out like theirs.
         device: that it forecasts on.
         trusted: names of further modules that may be imported for it.
 
     Raises:
-        UserError: if the file is no checkpoint, or its forecaster's class is not to be found, or not to be trusted.
+        UserError: if there are neither, they are damaged, or the forecaster's class is not to be found, or not to be
+            trusted.
     """
     file = Path(checkpoint)
+    if not file.is_file() and (folder := find(str(checkpoint))) is not None:
+        return _ready(of_weights(Weights.read(folder)), device)
     content = read_checkpoint(file, device)
     class_path, parameters = str(content.get("class_path", "")), content["hyper_parameters"]
     kind = _named(class_path, file, trusted)
@@ -49,6 +55,26 @@ def load_forecaster(
         forecaster.trained = content.get("trained")
     except (RuntimeError, TypeError, ValueError, LookupError, AttributeError):
         raise UserError(f"{file}: its weights are not those of {class_path}; train it again, or give another") from None
+    return _ready(forecaster, device)
+
+
+def of_weights(weights: Weights) -> Forecaster:
+    """A forecaster with these weights; its class is one of ours, whatever the folder says.
+
+    Raises:
+        UserError: if there is none of that name, or the weights are not those of it.
+    """
+    file, name = weights.folder / CONFIG, str(weights.config["forecaster"])
+    kind = getattr(envpred.models, name, None) if name in envpred.models.__all__ else None
+    try:
+        made: Forecaster = kind(**weights.checkpoint["hyper_parameters"])  # type: ignore[misc]
+    except (TypeError, ValueError, RuntimeError, LookupError, AttributeError):
+        raise UserError(f"{file}: {name} is no forecaster of this version, or has other arguments; {AGAIN}") from None
+    made.take_weights(weights)
+    return made
+
+
+def _ready(forecaster: Forecaster, device: torch.device | str) -> Forecaster:
     return forecaster.eval().requires_grad_(False).to(device)
 
 

@@ -48,7 +48,7 @@ class PredNetForecaster(Forecaster):
         fixed_frame: read all frames on the grid of the last one shown, on which what stands, stands still; forecasts
             are then moved to where the ego is likeliest to be, and cells that were not read are unknown.
         context: read the wide grid in the fixed frame, as far as the ego may go.
-        init_from: checkpoint (.ckpt) or Keras arrays (.npz) whose weights training starts from.
+        init_from: weights that training starts from: name of those that ship, checkpoint (.ckpt), Keras arrays (.npz).
     """
 
     shaping = ("variant", "channels", "feedback", "fixed_frame", "context")
@@ -78,7 +78,6 @@ class PredNetForecaster(Forecaster):
         if context and not fixed_frame:
             raise UserError("--model.context: the wide grid is read in one frame; add --model.fixed_frame")
         self.needs = Needs(context=context)
-        self.init_from = init_from
         inputs = len(self.view.channels)
         if not 1 <= len(layer_weights) <= len(channels) + 1 or min(layer_weights) < 0 or max(layer_weights) == 0:
             most = len(channels) + 1
@@ -255,21 +254,18 @@ class PredNetForecaster(Forecaster):
                 f"--model.first_scored {first}: windows have frames 0 to {self.dataset.length - 1}, so that nothing is "
                 "left to train on; give one of these"
             )
-        if stage == "fit" and self.init_from and not self.trainer.ckpt_path:
-            self._initialise(Path(self.init_from))
 
-    def _initialise(self, file: Path) -> None:
-        if file.suffix == ".npz":
-            remedy = "give arrays of the authors' Keras layer with this network's channels, or a checkpoint"
-            arrays = read_arrays(file, keras_weights, remedy)
-            try:
-                self.network.load_state_dict(PredNet.from_keras(arrays).state_dict())
-            except (ValueError, RuntimeError) as error:
-                raise UserError(f"{file}: no Keras weights of this network ({one_line(error)}); {remedy}") from None
-        else:
-            checkpoint = read_checkpoint(file, self.device)
-            super().on_load_checkpoint(checkpoint)
-            self.load_state_dict(checkpoint["state_dict"])
+    def initialise(self, source: str) -> None:
+        file = Path(source)
+        if file.suffix != ".npz":
+            super().initialise(source)
+            return
+        remedy = "give arrays of the authors' Keras layer with this network's channels, or a checkpoint"
+        arrays = read_arrays(file, keras_weights, remedy)
+        try:
+            self.network.load_state_dict(PredNet.from_keras(arrays).state_dict())
+        except (ValueError, RuntimeError) as error:
+            raise UserError(f"{file}: no Keras weights of this network ({one_line(error)}); {remedy}") from None
         rank_zero_info(f"weights: {file}")
 
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:

@@ -33,13 +33,24 @@ def read_runs(paths: Sequence[Path], same_inputs: bool = True) -> list[Run]:
         UserError: if no folder holds one, or naming the file and what is wrong with it: missing, damaged, of another
             format, partial, stale (other grids) or mixed (another split, other windows).
     """
+    runs = [read_run(file) for file in result_files(paths)]
+    check_comparable(runs, same_inputs)
+    return with_distinct_labels(runs)
+
+
+def result_files(paths: Sequence[Path]) -> list[Path]:
+    """The result files that paths name, or that folders hold, each once.
+
+    Folders that hold none, as those of training, are left out, with a line on standard error.
+
+    Raises:
+        UserError: if no folder holds one.
+    """
     if not paths:
         raise UserError("no test run given; name folders or files of results, as `envpred test` writes them")
     remedy = "run `envpred test` first, or name the folder it logged to"
     files = [file for files in found_in(paths, _result_files, RESULT, remedy) for file in files]
-    runs = [read_run(file) for file in dict.fromkeys(file.resolve() for file in files)]
-    check_comparable(runs, same_inputs)
-    return with_distinct_labels(runs)
+    return list(dict.fromkeys(file.resolve() for file in files))
 
 
 def read_run(file: Path) -> Run:

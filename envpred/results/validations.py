@@ -3,13 +3,15 @@
     {"validations": [{"epoch": 0, "step": 500, "stage": "t1", "val_mse": 0.021, "static_mse": 0.024,
                       "horizons": {"0.5s": {"val_mse": 0.014, "static_mse": 0.015}, ...}}, ...],
      "best": {"best_t1.ckpt": {"monitor": "val/loss_t1", "score": 0.0312, "validation": 3}, ...},
-     "ended": null}
+     "ended": null, "initial": null}
 
 `val_mse` and `static_mse`, the static baseline's, are means over windows and horizons.  The stage is null where a model
 has no stages.  `best` says of each checkpoint that a validation decides on which one that was: its place in the list.
-`ended` is null until the training has reached its end, then the epochs that it took.
+`ended` is null until the training has reached its end, then the epochs that it took.  `initial` is the validation
+before training where that started from weights, else null.
 """
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -33,10 +35,16 @@ class History(NamedTuple):
     validations: list[Validation]
     best: dict[str, Best]
     ended: int | None = None
+    initial: Validation | None = None
+
+    @classmethod
+    def of(cls, told: Mapping[str, Any]) -> "History":
+        """What a file, or a checkpoint, tells."""
+        return cls(told["validations"], told["best"], told.get("ended"), told.get("initial"))
 
     def as_json(self) -> dict[str, Any]:
         """What stands in the file."""
-        return {"validations": list(self.validations), "best": dict(self.best), "ended": self.ended}
+        return {**self._asdict(), "validations": list(self.validations), "best": dict(self.best)}
 
     def chosen(self) -> Chosen | None:
         """The best checkpoint of the stage that the last validation is of; None where none was kept."""
@@ -57,4 +65,4 @@ def read_validations(folder: Path) -> History:
     if not (folder / VALIDATIONS).exists():
         return History([], {})
     told = read_json(folder / VALIDATIONS, Schema, f"delete {folder} and train again")
-    return History(told["validations"], told["best"], told.get("ended"))
+    return History.of(told)

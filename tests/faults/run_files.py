@@ -116,7 +116,7 @@ def write_keras(folder: Path) -> None:
 
 def initialise(file: Path, channels: list[int]) -> None:
     model = prednet(channels=channels, init_from=str(file))
-    model._initialise(file)
+    model.initialise(str(file))
 
 
 def write_configuration(folder: Path) -> None:
