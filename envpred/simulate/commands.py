@@ -1,14 +1,16 @@
 """The simulator's commands, as functions: their arguments are the command line's."""
 
 from pathlib import Path
+from typing import Literal
 
 from envpred.errors import UserError
 
 
 def simulate(
     out: Path,
-    drives: int = 10,
-    frames: int = 150,
+    drives: int | None = None,
+    frames: int | None = None,
+    preset: Literal["look", "train"] = "look",
     seed: int = 0,
     workers: int | None = None,
     recording: Path | None = None,
@@ -17,15 +19,19 @@ def simulate(
 
     Args:
         out: folder that is not there yet, or is empty.
-        drives: how many.
-        frames: scans of each, ten a second.
+        drives: how many; by default the preset's.
+        frames: scans of each, ten a second; by default the preset's.
+        preset: look: 10 drives of 150 scans; train: 60 of 170, for weights that are to hold elsewhere.
         seed: of egos, times, scenery and noise; same seed, same drives.
         workers: local processes; by default one a core.
         recording: traffic recorded with SUMO; by default the one that comes with envpred.
     """
+    from envpred.simulate.presets import PRESETS
     from envpred.simulate.run import simulate as write_drives
 
-    write_drives(out, drives, frames, seed, workers, recording)
+    named = PRESETS[preset]
+    drives = named.drives if drives is None else drives
+    write_drives(out, drives, named.frames if frames is None else frames, seed, workers, recording)
 
 
 def record(out: Path, seconds: float = 300.0, seed: int = 1) -> None:

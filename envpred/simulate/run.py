@@ -19,13 +19,10 @@ from envpred.gate import read_json
 from envpred.gate.stores import Asked
 from envpred.simulate import scene as scenes
 from envpred.simulate.lidar import HDL64E
+from envpred.simulate.presets import SCAN_BYTES, pace, plan, town
 from envpred.simulate.traffic import Recording
 from envpred.simulate.writer import DATE, drive_name, write_calibration, write_drive
-from envpred.store.files import write_json
-
-_SLOWEST, _FASTEST = 3.0, 12.5  # m/s: mean speeds that egos are looked for at
-_GOLDEN = (5**0.5 - 1) / 2
-_SCAN_BYTES = 2_600_000  # a scan with its labels on disk
+from envpred.store.files import digest, write_json
 
 ASKED = "simulated.json"  # what all drives of a folder are made from
 LOCK = ".lock"
@@ -73,7 +70,8 @@ def simulate(
     out = Path(out)
     _check(drives, frames, seed, workers)
     source = recording or builtin_recording()
-    towns = _able_towns(Recording.load(source), frames)
+    recorded = Recording.load(source)
+    towns = _able_towns(recorded, frames)
     asked = {"frames": frames, "seed": seed, "recording": hashlib.sha256(source.read_bytes()).hexdigest()[:16]}
     _check_folder(out, asked)
     day = out / DATE
@@ -83,7 +81,10 @@ def simulate(
     if not todo:
         print(done)
         return
-    _check_disk(out, len(todo) * frames * _SCAN_BYTES)
+    names = [network.name for network in recorded.networks]
+    for line in plan(drives, frames, seed, towns, names, digest({"drives": drives, **asked})):
+        say(line)
+    _check_disk(out, len(todo) * frames * SCAN_BYTES)
     with _one_line_for_disk_errors(out), _alone(out):
         _check_folder(out, asked)
         if not (out / ASKED).exists():
@@ -203,14 +204,9 @@ def _drive(
 ) -> None:
     """Builds, casts and writes one drive."""
     rng = np.random.default_rng([seed, number])
-    # Every block of as many drives as there are towns visits each town once, in an order of its own.
-    block, turn = divmod(number - 1, len(towns))
-    network = int(np.random.default_rng([seed, 0, block]).permutation(towns)[turn])
+    network = town(seed, number, towns)
     recording = Recording.load(source)
-    # Multiples of the golden ratio spread evenly, however many drives there are.
-    offset = np.random.default_rng([seed, 0]).random()
-    pace = _SLOWEST + (_FASTEST - _SLOWEST) * ((offset + number * _GOLDEN) % 1.0)
-    scene = scenes.build(recording, network, recording.motions(network), frames, pace, rng)
+    scene = scenes.build(recording, network, recording.motions(network), frames, pace(seed, number), rng)
     final = day / drive_name(number)
     unfinished = day / f".{final.name}.unfinished"
     with _one_line_for_disk_errors(final):
