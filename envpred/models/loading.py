@@ -1,4 +1,4 @@
-"""A trained forecaster from its checkpoint, or from weights that ship, with no code but ours and what the user chose."""
+"""A trained forecaster from its checkpoint or from weights that ship, with no code but ours and what the user chose."""
 
 import inspect
 import sys
@@ -66,9 +66,12 @@ def of_weights(weights: Weights) -> Forecaster:
     """
     file, name = weights.folder / CONFIG, str(weights.config["forecaster"])
     kind = getattr(envpred.models, name, None) if name in envpred.models.__all__ else None
+    values = weights.checkpoint["hyper_parameters"]
     try:
-        made: Forecaster = kind(**weights.checkpoint["hyper_parameters"])  # type: ignore[misc]
-    except (TypeError, ValueError, RuntimeError, LookupError, AttributeError):
+        with torch.device("meta"):  # no memory, however large the network would be
+            kind(**values).take_weights(weights)  # type: ignore[misc]
+        made: Forecaster = kind(**values)  # type: ignore[misc]
+    except DAMAGED:
         raise UserError(f"{file}: {name} is no forecaster of this version, or has other arguments; {AGAIN}") from None
     made.take_weights(weights)
     return made

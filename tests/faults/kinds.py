@@ -52,6 +52,10 @@ KINDS = {
     "checkpoint": Kind(
         runs.write_training, "run/checkpoints/last.ckpt", runs.read_any_checkpoint, 250, ("grids/.*",), slow=True
     ),
+    "weights, configuration": Kind(runs.write_weights, "weights/tiny/config.json", runs.read_weights, 500, slow=True),
+    "weights, arrays": Kind(
+        runs.write_weights, "weights/tiny/model.safetensors", runs.read_weights, 250, exact=True, slow=True
+    ),
     "Keras weights": Kind(
         runs.write_keras, "weights.npz", lambda f, _: runs.initialise(f / "weights.npz", [8, 16]), 250
     ),

@@ -11,6 +11,7 @@ import optuna
 from envpred.callbacks import PredictionWriter, Validations
 from envpred.cli import main
 from envpred.cli.draw import draw
+from envpred.cli.export import export
 from envpred.models import LastFrame
 from envpred.models.checkpoints import read_checkpoint
 from envpred.models.loading import load_forecaster
@@ -117,6 +118,22 @@ def write_keras(folder: Path) -> None:
 def initialise(file: Path, channels: list[int]) -> None:
     model = prednet(channels=channels, init_from=str(file))
     model.initialise(str(file))
+
+
+def write_weights(folder: Path) -> None:
+    write_training(folder)
+    export(folder / "run", "tiny", folder / "weights", [])
+
+
+def read_weights(folder: Path, random: Random) -> list[float]:
+    """The sums of what is read."""
+    place = folder / "weights" / "tiny"
+    if random.randrange(4):
+        read = load_forecaster(place)
+    else:
+        read = prednet(channels=[2])
+        read.initialise(str(place))
+    return [float(tensor.sum()) for tensor in read.state_dict().values()]
 
 
 def write_configuration(folder: Path) -> None:
