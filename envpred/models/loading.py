@@ -12,6 +12,7 @@ import torch
 import envpred.models
 from envpred.datamodules.variants import VARIANTS
 from envpred.errors import UserError, short
+from envpred.gate.arrays import DAMAGED
 from envpred.gate.weights import AGAIN, CONFIG, find
 from envpred.models.checkpoints import read_checkpoint
 from envpred.models.forecaster import Forecaster
