@@ -109,7 +109,7 @@ def card(config: dict[str, Any]) -> str:
             *(
                 f"* {len(drives)} drives of a store `{data['store']}` (content {data['store_hash']}): {told}",
                 f"* `{training['command']}`",
-                f"* seed {training['seed']}, revision {training['revision']}, {minutes:.0f} minutes with "
+                f"* seed {training['seed']}, revision {training['revision']}, {minutes:.0f} minutes of wall time with "
                 f"{threads} thread{'s' * (threads != 1)}",
                 f"* validation of the epoch kept ({training['epoch']}, counted from 0): MSE {unit}, mean of all "
                 f"horizons, {best:.1f}; static baseline {static:.1f}",
@@ -177,7 +177,8 @@ def _limits(config: dict[str, Any]) -> list[str]:
                 continue
             pairs = zip(config["horizon_s"], own, beside, strict=True)
             at = [in_seconds(seconds) for seconds, error, other in pairs if error > other]
-            worse += [f"{drive} ({', '.join(at)})"] if at else []
+            told = "everywhere" if len(at) == len(own) else ", ".join(at)
+            worse += [f"{drive} ({told})"] if at else []
         if worse:
             what = "the static baseline" if method == STATIC else "the rollout, for which nothing is trained,"
             lines.append(f"Where {what} errs less: {'; '.join(worse)}.")
