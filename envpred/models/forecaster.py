@@ -265,7 +265,7 @@ class Forecaster(NumberedLoss):
 
     def take_weights(self, weights: Weights) -> None:
         """Take weights that ship, or lie in a folder alike; otherwise as `take`."""
-        self.take(weights.checkpoint, f"the network of {weights.folder.name}")
+        self.take(weights.checkpoint, weights.title)
 
     def take(self, checkpoint: Mapping[str, Any], origin: str) -> None:
         """Take a checkpoint's weights, which messages call those of its `origin`.

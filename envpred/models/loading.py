@@ -16,6 +16,7 @@ from envpred.gate.arrays import DAMAGED
 from envpred.gate.weights import AGAIN, CONFIG, find
 from envpred.models.checkpoints import read_checkpoint
 from envpred.models.forecaster import Forecaster
+from envpred.models.origins import check_origin
 from envpred.models.weights import Weights
 
 OURS = "envpred.models"
@@ -70,7 +71,7 @@ def of_weights(weights: Weights) -> Forecaster:
     values = weights.checkpoint["hyper_parameters"]
     try:
         with torch.device("meta"):  # no memory, however large the network would be
-            kind(**values).take_weights(weights)  # type: ignore[misc]
+            check_origin(weights.checkpoint, kind(**values), weights.title)  # type: ignore[misc]
         made: Forecaster = kind(**values)  # type: ignore[misc]
     except DAMAGED:
         raise UserError(f"{file}: {name} is no forecaster of this version, or has other arguments; {AGAIN}") from None

@@ -50,6 +50,11 @@ class Weights:
         return cls(folder, config, state)
 
     @property
+    def title(self) -> str:
+        """How messages call what they are of."""
+        return f"the network of {self.folder.name}"
+
+    @property
     def checkpoint(self) -> dict[str, Any]:
         """What a checkpoint of the same training would say of itself."""
         config = self.config
