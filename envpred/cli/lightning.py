@@ -292,8 +292,7 @@ def as_parsed(args: list[str]) -> list[str]:
 
 def _about_the_run(record: logging.LogRecord) -> bool:
     """Whether a line of Lightning's says something about the run, rather than of its makers' products or its ways."""
-    line = record.getMessage()
-    return not any(text in line for text in ("Tip: For seamless", "to estimate number of stepping batches"))
+    return not any(t in record.getMessage() for t in ("Tip: For seamless", "to estimate number of stepping batches"))
 
 
 def _no_default_replaced(record: logging.LogRecord) -> bool:

@@ -30,7 +30,11 @@ def seen_of(mapper: Mapper, mapped: Sequence[Mapped], variant: Variant, needs: N
     Raises:
         UserError: if something is needed that the mapper does not make.
     """
+    if needs.context and mapper.context is None:
+        raise UserError("the mapper maps no wide grid, which the forecaster needs; give Mapper(context=256)")
     judged = _arrays(mapped, wide=False)
+    if mapper.context is not None:
+        judged[f"{CONTEXT}evidence"] = _arrays(mapped, wide=True)["evidence"]
     missing = [name for name in (*variant.arrays, *needs.arrays) if name not in judged]
     if missing:
         remedy = "Mapper(context=256)" if missing == [f"{CONTEXT}evidence"] else "Mapper(velocities=...)"
@@ -55,8 +59,6 @@ def seen_of(mapper: Mapper, mapped: Sequence[Mapped], variant: Variant, needs: N
         "arrays": {name: _batch(judged[name]) for name in needs.arrays},
     }
     if needs.context:
-        if mapper.context is None:
-            raise UserError("the mapper maps no wide grid, which the forecaster needs; give Mapper(context=256)")
         seen["context"] = _batch(variant.make_frames(_arrays(mapped, wide=True)))
         seen["context_label"] = _batch(np.stack([_given(frame.context_label) for frame in mapped]))
     return seen
