@@ -16,7 +16,7 @@ from envpred.gate.weights import CARD, CONFIG, TENSORS, read_config, shipped
 from envpred.mapping.dogma import DogmaParameters
 from envpred.mapping.evidence import pignistic
 from envpred.mapping.mapper import Mapped, Mapper, MappingParameters
-from envpred.mapping.particles.filter import ParticleFilterParameters
+from envpred.mapping.particle_state import ParticleFilterParameters
 from envpred.models.weights import Weights
 from envpred.report.card import card
 
