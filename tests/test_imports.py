@@ -24,7 +24,7 @@ ALLOWED: dict[str, set[str]] = {
     "metrics": {"mapping.geometry", "compiled", "errors"},
     "mapping": {"compiled", "errors"},
     "store": {"mapping.geometry", "interrupts", "gate", "errors", "__version__"},
-    "drives": {"mapping.geometry", "mapping.period", "gate", "errors"},
+    "drives": {"mapping.geometry", "mapping.period", "mapping.deskew", "mapping.trajectory", "gate", "errors"},
     "build": {"drives", "mapping", "store", "interrupts", "errors"},
     "datamodules": {"mapping", "store", "horizons", "errors"},
     "models": {

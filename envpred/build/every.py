@@ -22,6 +22,7 @@ class EveryNth(Drive):
     def __init__(self, drive: Drive, n: int) -> None:
         self.drive, self.n, self.name = drive, n, drive.name
         self.body, self.sensor_height = drive.body, drive.sensor_height
+        self.grid, self.context, self.estimated_by = drive.grid, drive.context, drive.estimated_by
 
     @property
     def stride(self) -> int:

@@ -18,6 +18,7 @@ from envpred.build.glances import Glances
 from envpred.build.jobs import run_jobs, say
 from envpred.build.moving import PARAMETERS as MOVING
 from envpred.build.moving import add_moving
+from envpred.build.stated import as_stated
 from envpred.drives import Drive, find_drives
 from envpred.drives.plausible import oddities
 from envpred.errors import UserError
@@ -63,10 +64,11 @@ def build(
     if workers is not None and workers < 1:
         raise UserError(f"--workers {workers}: give at least 1")
     parameters = parameters or MappingParameters()
-    if context is not None:
-        parameters.grid.wider(context)  # refuses what does not fit
     with ends_at_once():  # readers bring libraries of their own
         found = [thinned(drive, parameters.every) for drive in _chosen(find_drives(source, reader), drives)]
+    parameters, context = as_stated(found, parameters, context)
+    if context is not None:
+        parameters.grid.wider(context)  # refuses what does not fit
     _check_apart(source, store)
     target = Store(store)
     keys = {"mapping": target.claim("mapping", parameters.as_dict(), force=force)}
@@ -195,7 +197,8 @@ def _about(drive: Drive, mapper: Mapper, origin: FloatArray) -> dict[str, Any]:
         "drive": drive.name,
         "frames": drive.frames,
         "stretches": drive.stretches(),
-        "source": {"drive": drive.name, "frames": len(drive.frames)},
+        "source": {"drive": drive.name, "frames": len(drive.frames)}
+        | ({"poses": f"estimated by {drive.estimated_by}"} if drive.estimated_by else {}),
         "lattice": {
             "origin": origin.tolist(),
             "resolution": mapper.grid.resolution,

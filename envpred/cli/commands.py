@@ -45,8 +45,8 @@ def grids(
 
     Args:
         store: folder for the grids; finished drives in it are kept.
-        source: folder with drives in KITTI raw's or KITTI odometry's layout; left out, velocities are made for the
-            drives that the store holds.
+        source: folder with drives in KITTI raw's or KITTI odometry's layout, or with an envpred.yaml that says what
+            they are; left out, velocities are made for the drives that the store holds.
         drives: names of the drives to map; by default all.
         grid: cells and resolution.
         ground: how ground is told from obstacles: MarkovRandomField or RansacPlane.

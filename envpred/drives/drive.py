@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from envpred.drives.plausible import check_points
 from envpred.drives.tracklets import Tracklet
 from envpred.errors import UserError
-from envpred.mapping.geometry import PAPER_BODY, PAPER_SENSOR_HEIGHT, PAPER_SENSOR_OFFSET, Body, FloatArray
+from envpred.mapping.geometry import PAPER_BODY, PAPER_SENSOR_HEIGHT, PAPER_SENSOR_OFFSET, Body, FloatArray, GridSpec
 from envpred.mapping.period import is_gap, nominal
 
 
@@ -25,11 +25,17 @@ class Drive(ABC):
         name: of the drive, and of its folder in a store.
         body: the ego vehicle's body in the sensor frame, in metres.
         sensor_height: height of the sensor above the road, in metres.
+        grid: that the recording asks to be mapped on, if it does.
+        context: cells of the wider grid that it asks for, if it does.
+        estimated_by: what its poses were estimated by, where nobody measured them.
     """
 
     name: str
     body: Body = PAPER_BODY
     sensor_height: float = PAPER_SENSOR_HEIGHT
+    grid: GridSpec | None = None
+    context: int | None = None
+    estimated_by: str | None = None
 
     @property
     @abstractmethod

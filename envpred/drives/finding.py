@@ -45,8 +45,8 @@ def find_drives(root: Path | str, reader: str | None = None) -> list[Drive]:
             found[drive.name] = drive
     if not found:
         raise UserError(
-            f"{root}: no drive found; expected KITTI raw (<date>/<date>_drive_<number>_sync/velodyne_points/data) "
-            "or KITTI odometry (sequences/<number>/velodyne)"
+            f"{root}: no drive found; expected KITTI raw (<date>/<date>_drive_<number>_sync/velodyne_points/data), "
+            "KITTI odometry (sequences/<number>/velodyne) or a folder with an envpred.yaml (docs/own_data.md)"
         )
     return [found[name] for name in sorted(found)]
 

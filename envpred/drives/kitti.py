@@ -115,7 +115,7 @@ class KittiDrive(Drive):
         if not files:
             raise UserError(f"{self.folder / 'oxts' / 'data'}: no OXTS packets; unpack the drive's oxts folder there")
         for file in files.values():
-            _check_packet(file)
+            check_packet(file)
         packets = pykitti.utils.load_oxts_packets_and_poses(list(files.values()))
         return {
             k: (data.T_w_imu, float(np.hypot(data.packet.vn, data.packet.ve)))
@@ -138,7 +138,12 @@ def _numbered(folder: Path, ending: str) -> dict[int, Path]:
     return {int(file.stem): file for file in sorted(files)}
 
 
-def _check_packet(file: Path) -> None:
+def check_packet(file: Path) -> None:
+    """Refuse a packet that cannot be one.
+
+    Raises:
+        UserError: naming the file, and the field.
+    """
     lines = [line.split() for line in read_text(file, AGAIN).splitlines()]
     fields = lines[0] if len(lines) == 1 else []
     try:

@@ -80,7 +80,10 @@ def oddities(drive: "Drive", sensor_to_body: FloatArray) -> list[str]:
     check_points(f"{drive.name}: frame {first}", drive.scan(first))
     _check_sensor(drive.name, sensor_to_body)
     _check_poses(drive)
-    return _of_stamps(drive)
+    told = _of_stamps(drive)
+    if drive.estimated_by:
+        told.append(f"{drive.name}: nobody measured its poses, which {drive.estimated_by} estimated from the scans")
+    return told
 
 
 def _check_sensor(name: str, sensor_to_body: FloatArray) -> None:

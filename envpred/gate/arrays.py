@@ -34,7 +34,7 @@ Header = tuple[tuple[int, ...], bool, np.dtype[Any]]  # shape, whether its first
 
 @dataclass(frozen=True)
 class ArraySchema:
-    """What an array must be; numbers are finite.
+    """What an array must be.
 
     Args:
         kinds: letters of `numpy.dtype.kind` that it may have: f for floating, i and u for whole numbers, U for text.
@@ -42,6 +42,7 @@ class ArraySchema:
         low: least value.
         high: largest value.
         optional: whether it may be missing.
+        finite: whether all of its numbers must be.
     """
 
     kinds: str
@@ -49,6 +50,7 @@ class ArraySchema:
     low: float = -math.inf
     high: float = math.inf
     optional: bool = False
+    finite: bool = True
 
 
 Schemas = Mapping[str, ArraySchema]
@@ -134,7 +136,7 @@ def _checked(name: str, handle: IO[bytes], size: int, schema: ArraySchema, lengt
     if len(content) != nbytes:
         raise ValueError(f"{name} is cut short, or too long")
     array = np.frombuffer(content, dtype).reshape(shape, order="F" if fortran else "C").copy()
-    if dtype.kind in "fiu" and array.size:
+    if dtype.kind in "fiu" and array.size and schema.finite:
         low, high = float(array.min()), float(array.max())
         if not (math.isfinite(low) and math.isfinite(high)):
             raise ValueError(f"{name} holds what is no number")

@@ -114,6 +114,7 @@ class Asked(Struct):
 
     frames: Count
     seed: Count
+    beams: Count
     recording: Line
 
 

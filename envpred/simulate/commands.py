@@ -14,6 +14,7 @@ def simulate(
     seed: int = 0,
     workers: int | None = None,
     recording: Path | None = None,
+    beams: int = 64,
 ) -> None:
     """Write simulated drives with known truth in KITTI raw's layout.
 
@@ -25,13 +26,14 @@ def simulate(
         seed: of egos, times, scenery and noise; same seed, same drives.
         workers: local processes; by default one a core.
         recording: traffic recorded with SUMO; by default the one that comes with envpred.
+        beams: of the scanner: 16, 32, 64 (KITTI's) or 128.
     """
     from envpred.simulate.presets import PRESETS
     from envpred.simulate.run import simulate as write_drives
 
     named = PRESETS[preset]
     drives = named.drives if drives is None else drives
-    write_drives(out, drives, named.frames if frames is None else frames, seed, workers, recording)
+    write_drives(out, drives, named.frames if frames is None else frames, seed, workers, recording, beams)
 
 
 def record(out: Path, seconds: float = 300.0, seed: int = 1) -> None:

@@ -1,7 +1,7 @@
 """A Velodyne HDL-64E at 10 Hz on the roof of KITTI's car: rays by Embree, ranges, intensities and losses of our own.
 
-The sweep is frozen: all rays of a scan leave from the pose at its middle, so the ego's motion during the 0.1 s of a
-turn bends nothing.
+Scanners of 16, 32 and 128 beams stand beside it (`SENSORS`).  The sweep is frozen: all rays of a scan leave from the
+pose at its middle, so the ego's motion during the 0.1 s of a turn bends nothing, unless each firing has a pose.
 """
 
 from dataclasses import dataclass
@@ -30,7 +30,7 @@ class Target:
         self.word: NDArray[np.uint32] = mesh.label | (instance << np.uint32(16))
 
     def hit(self, origin: NDArray[np.float32], directions: NDArray[np.float32]) -> dict[str, NDArray[Any]]:
-        """First hits of rays (N, 3) from `origin` (3,): tfar (N,) metres, primID (N,) face or -1, Ng (N, 3) normals."""
+        """First hits of rays (N, 3) from `origin` (3,) or (N, 3): tfar (N,) m, primID (N,) face or -1, Ng normals."""
         starts = np.broadcast_to(origin, directions.shape).copy()
         hits: dict[str, NDArray[Any]] = self._scene.run(starts, directions, output=True)
         return hits
@@ -78,7 +78,7 @@ class HDL64E:
     @cached_property
     def column(self) -> NDArray[np.intp]:
         """Which firing each ray belongs to (rays,)."""
-        columns: NDArray[np.intp] = np.tile(np.arange(self.columns), 64)[self._seen]
+        columns: NDArray[np.intp] = np.tile(np.arange(self.columns), len(self.elevation))[self._seen]
         return columns
 
     @cached_property
@@ -96,15 +96,30 @@ class HDL64E:
         return seen
 
     def scan(
-        self, still: Target, moving: Target | None, pose: FloatArray, rng: np.random.Generator
+        self,
+        still: Target,
+        moving: Target | None,
+        pose: FloatArray,
+        rng: np.random.Generator,
+        firing: FloatArray | None = None,
     ) -> tuple[NDArray[np.float32], NDArray[np.uint32]]:
-        """One turn at the sensor's `pose` (4, 4): points (N, 4) with intensity in 0..1, and `.label` words (N,)."""
+        """One turn at the sensor's `pose` (4, 4): points (N, 4) with intensity in 0..1, and `.label` words (N,).
+
+        With poses (columns, 4, 4) of each `firing` the sensor moves meanwhile, and each point is seen from its own.
+        """
         rotation, origin = pose[:3, :3].astype(np.float32), pose[:3, 3].astype(np.float32)
         rays = self.directions @ rotation.T
+        if firing is not None:
+            turned = firing[self.column].astype(np.float32)
+            rays, origin = np.einsum("nij,nj->ni", turned[:, :3, :3], self.directions), turned[:, :3, 3]
         distance, word, material, cosine = _strike(still, origin, rays)
         if moving is not None:
-            chosen = np.flatnonzero(self._towards(moving.mesh, pose)[self.column])
-            near = _strike(moving, origin, rays[chosen])
+            chosen = (
+                np.flatnonzero(self._towards(moving.mesh, pose)[self.column])
+                if firing is None
+                else np.arange(len(rays))
+            )
+            near = _strike(moving, origin if firing is None else origin[chosen], rays[chosen])
             closer = near[0] < distance[chosen]
             chosen = chosen[closer]
             distance[chosen], word[chosen] = near[0][closer], near[1][closer]
@@ -136,6 +151,36 @@ class HDL64E:
         np.add.at(marks, np.clip(high + self.columns, None, 3 * self.columns), -1)
         covered = marks.cumsum()[:-1].reshape(3, self.columns).max(axis=0) > 0
         return np.asarray(covered)
+
+
+@dataclass(frozen=True)
+class Rings(HDL64E):
+    """A scanner whose beams stand at other angles, and that sees all around.
+
+    Args:
+        beams: degrees above the horizon, top beam first.
+    """
+
+    beams: tuple[float, ...] = ()
+
+    @cached_property
+    def elevation(self) -> FloatArray:
+        """(beams,) radians, top beam first."""
+        angles: FloatArray = np.radians(np.array(self.beams, np.float64))
+        return angles
+
+    @cached_property
+    def _seen(self) -> NDArray[np.bool_]:
+        return np.ones(len(self.beams) * self.columns, np.bool_)
+
+
+# By their number of beams; angles and firings a turn at 10 Hz as the manuals of VLP-16, HDL-32E and OS1-128 have them.
+SENSORS: dict[int, HDL64E] = {
+    16: Rings(columns=1800, farthest=100.0, beams=tuple(15.0 - 2.0 * k for k in range(16))),
+    32: Rings(columns=2170, beams=tuple(10.67 - 4 / 3 * k for k in range(32))),
+    64: HDL64E(),
+    128: Rings(columns=1024, beams=tuple(22.5 - 45 / 127 * k for k in range(128))),
+}
 
 
 def _strike(

@@ -18,7 +18,7 @@ from envpred.errors import UserError, printable
 from envpred.gate import read_json
 from envpred.gate.stores import Asked
 from envpred.simulate import scene as scenes
-from envpred.simulate.lidar import HDL64E
+from envpred.simulate.lidar import HDL64E, SENSORS
 from envpred.simulate.presets import SCAN_BYTES, pace, plan, town
 from envpred.simulate.traffic import Recording
 from envpred.simulate.writer import DATE, drive_name, write_calibration, write_drive
@@ -49,11 +49,12 @@ def simulate(
     seed: int = 0,
     workers: int | None = None,
     recording: Path | None = None,
+    beams: int = 64,
 ) -> None:
     """Writes simulated drives in KITTI raw's layout to `out`/<date>/<date>_drive_<number>_sync.
 
-    A drive depends on `seed`, its number, `frames` and the recording alone, not on `drives` or `workers`.  It is
-    written beside its place and moved there when it is whole; the same command makes those that are not there yet.
+    A drive depends on `seed`, its number, `frames`, `beams` and the recording alone, not on `drives` or `workers`.  It
+    is written beside its place and moved there when it is whole; the same command makes those that are not there yet.
 
     Args:
         out: folder that is not there yet, is empty, or holds drives that were simulated alike.
@@ -62,17 +63,19 @@ def simulate(
         seed: egos, times, towns and street furniture follow from it.
         workers: drives at work at once; by default one a core.
         recording: traffic of `record.record`; by default the one that comes with the package.
+        beams: of the scanner, one of `SENSORS`.
 
     Raises:
         UserError: if a number makes no sense, `out` holds something else or is being written, the recording is unknown
             or too short, or the disk is full.
     """
     out = Path(out)
-    _check(drives, frames, seed, workers)
+    _check(drives, frames, seed, workers, beams)
     source = recording or builtin_recording()
     recorded = Recording.load(source)
     towns = _able_towns(recorded, frames)
-    asked = {"frames": frames, "seed": seed, "recording": hashlib.sha256(source.read_bytes()).hexdigest()[:16]}
+    made_from = hashlib.sha256(source.read_bytes()).hexdigest()[:16]
+    asked = {"frames": frames, "seed": seed, "beams": beams, "recording": made_from}
     _check_folder(out, asked)
     day = out / DATE
     planned = [Planned(k, drive_name(k), list(range(frames))) for k in range(1, drives + 1)]
@@ -93,7 +96,7 @@ def simulate(
         _clear(day)
         if len(todo) < drives:
             say(f"{len(todo)} drives to simulate, {drives - len(todo)} of {drives} in {out} already")
-        job = functools.partial(_attempt, day=day, seed=seed, source=source, towns=towns)
+        job = functools.partial(_attempt, day=day, seed=seed, source=source, towns=towns, beams=beams)
         try:
             run_jobs(job, todo, "simulating", workers, None)
         finally:
@@ -138,12 +141,14 @@ def _clear(day: Path) -> None:
         shutil.rmtree(unfinished, ignore_errors=True)
 
 
-def _check(drives: int, frames: int, seed: int, workers: int | None) -> None:
+def _check(drives: int, frames: int, seed: int, workers: int | None, beams: int) -> None:
     for name, value, least in (("--drives", drives, 1), ("--frames", frames, 2), ("--seed", seed, 0)):
         if value < least:
             raise UserError(f"{name} {value}: give at least {least}")
     if drives > 9999:
         raise UserError(f"--drives {drives}: KITTI's names have four digits, so 9999 at most")
+    if beams not in SENSORS:
+        raise UserError(f"--beams {beams}: give one of {', '.join(map(str, SENSORS))}")
     if workers is not None and workers < 1:
         raise UserError(f"--workers {workers}: give at least 1, or leave it out for one a core")
 
@@ -183,11 +188,11 @@ def _one_line_for_disk_errors(place: Path) -> Iterator[None]:
 
 
 def _attempt(
-    drive: Planned, on_frame: Callable[[], None], *, day: Path, seed: int, source: Path, towns: list[int]
+    drive: Planned, on_frame: Callable[[], None], *, day: Path, seed: int, source: Path, towns: list[int], beams: int
 ) -> str | None:
     """Simulate one drive; a failure that the user can mend comes back as its line, so that other drives go on."""
     try:
-        _drive(day, drive.number, len(drive.frames), seed, source, towns, on_frame)
+        _drive(day, drive.number, len(drive.frames), seed, source, towns, on_frame, SENSORS[beams])
     except UserError as error:
         return str(error)
     return None
@@ -201,6 +206,7 @@ def _drive(
     source: Path,
     towns: list[int],
     on_frame: Callable[[], None] = lambda: None,
+    sensor: HDL64E = SENSORS[64],
 ) -> None:
     """Builds, casts and writes one drive."""
     rng = np.random.default_rng([seed, number])
@@ -212,7 +218,7 @@ def _drive(
     with _one_line_for_disk_errors(final):
         shutil.rmtree(unfinished, ignore_errors=True)
         try:
-            for _ in write_drive(unfinished, scene, HDL64E(), number, rng):
+            for _ in write_drive(unfinished, scene, sensor, number, rng):
                 on_frame()
             unfinished.rename(final)
         except BaseException:

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from envpred.simulate import classes, furniture, models
-from envpred.simulate.lidar import HDL64E, Target
+from envpred.simulate.lidar import HDL64E, SENSORS, Rings, Target
 from envpred.simulate.mesh import Mesh, box, join
 from envpred.simulate.traffic import KINDS
 
@@ -144,3 +144,21 @@ def test_light_falls_through_leaves_but_not_through_walls() -> None:
     }
     assert 0.1 < through["tree"] < 0.9
     assert through["wall"] == 0
+
+
+@pytest.mark.parametrize(("beams", "highest", "lowest"), [(16, 15, -15), (32, 10.67, -30.67), (128, 22.5, -22.5)])
+def test_other_scanners_have_the_beams_of_their_manuals(beams: int, highest: float, lowest: float) -> None:
+    sensor = SENSORS[beams]
+    degrees = np.degrees(sensor.elevation)
+    assert (len(degrees), degrees[0], degrees[-1]) == pytest.approx((beams, highest, lowest), abs=0.01)
+    assert len(sensor.directions) == len(sensor.column) == beams * sensor.columns
+
+
+def test_a_scanner_that_moves_sees_each_column_from_its_own_place() -> None:
+    """A wall 20 m ahead, driven at by 1 m within the turn: what is seen last is 1 m nearer."""
+    sensor = Rings(columns=400, noise=0.0, lost=0.0, beams=(0.0,))
+    wall = Target(box((20, 21), (-50, 50), (0, 5), classes.BUILDING, "asphalt"), DEVICE)
+    firing = np.stack([pose_at(x=k / 400) for k in range(400)])
+    points, _ = sensor.scan(wall, None, pose_at(), np.random.default_rng(0), firing)
+    turned = np.mod(np.arctan2(points[:, 1], points[:, 0]), 2 * np.pi) / (2 * np.pi)
+    np.testing.assert_allclose(points[:, 0], 20 - turned, atol=0.01)

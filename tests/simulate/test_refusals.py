@@ -24,6 +24,7 @@ from envpred.simulate.traffic import KINDS, Recording
         ({"frames": 0}, "--frames 0"),
         ({"seed": -1}, "--seed -1"),
         ({"workers": 0}, "--workers 0"),
+        ({"beams": 48}, "--beams 48: give one of 16, 32, 64, 128"),
         ({"recording": Path("nowhere.npz")}, r"nowhere\.npz"),
         ({"frames": 2000}, "GB"),
     ],
