@@ -22,6 +22,7 @@ class Command:
 
 COMMANDS = {
     "grids": Command("envpred.cli.commands.grids", configs=("grids",)),
+    "check": Command("envpred.cli.check.check", ("source", None)),
     "verify": Command("envpred.cli.commands.verify"),
     "ground": Command("envpred.cli.commands.ground"),
     "show": Command("envpred.cli.commands.show"),

@@ -6,6 +6,7 @@ from random import Random
 
 import numpy as np
 from matplotlib import pyplot
+from pypcd4.pypcd4 import Encoding, PointCloud
 
 from envpred.build.grids import map_drive
 from envpred.cli.commands import show, velocity, verify
@@ -20,7 +21,8 @@ from envpred.simulate.run import simulate
 from envpred.simulate.tracklets import write
 from envpred.simulate.traffic import LANES, Network, Recording, Track
 from envpred.store import DriveWriter, Store
-from tests.drives.synthetic import write_drive, write_sequence
+from tests.drives import own
+from tests.drives.synthetic import motion, scans, write_drive, write_sequence
 from tests.remedies import command
 from tests.store.stores import write_store
 
@@ -82,6 +84,19 @@ def write_kitti(folder: Path) -> None:
 
 def write_odometry(folder: Path) -> None:
     write_sequence(folder / "drives", frames=6, azimuths=24)
+
+
+def write_folders(folder: Path) -> None:
+    """One recording as `.pcd`, which is compressed, one as `.ply`, one as `.npy` and one as `.bin`."""
+    body = motion(4, speed=5.0)
+    made = list(scans(body, 0.0, 24))
+    street = own.Recorded(made, [np.zeros(len(points)) for points in made], body, 0.1 * np.arange(4))
+    for ending in (".pcd", ".ply", ".npy", ".bin"):
+        own.write(folder / "drives" / ending[1:], street, ending, {"grid": {"cells": 16}})
+    for k, points in enumerate(made):
+        PointCloud.from_xyzi_points(points).save(
+            folder / "drives" / "pcd" / "lidar" / f"{k:05d}.pcd", Encoding.BINARY_COMPRESSED
+        )
 
 
 def read_drives(folder: Path, random: Random) -> None:

@@ -44,6 +44,8 @@ KINDS = {
     "KITTI drive, tracklets": Kind(grids.write_kitti, "drives/**/*.xml", grids.read_drives, 200),
     "KITTI drive, scans": Kind(grids.write_kitti, "drives/**/*.bin", grids.read_drives, 370),
     "odometry sequence": Kind(grids.write_odometry, "drives/**/*.txt", grids.read_drives, 500),
+    "folder, settings and poses": Kind(grids.write_folders, "drives/npy/*.*", grids.read_drives, 500, paths=False),
+    "folder, scans": Kind(grids.write_folders, "drives/*/lidar/*", grids.read_drives, 400),
     "result.json": Kind(runs.write_results, "prednet_*/result.json", runs.read_results, 1000),
     "drawn.npz": Kind(runs.write_results, "prednet_*/drawn.npz", runs.read_results, 300),
     "predictions, manifest": Kind(runs.write_predictions, "predictions/manifest.json", runs.read_predictions, 700),
