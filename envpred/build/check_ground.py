@@ -11,7 +11,8 @@ from envpred.build.findings import Finding, Settings
 from envpred.mapping.geometry import FloatArray
 from envpred.mapping.ground_plane import Plane, widest_plane
 
-LEAST_SHARE = 0.2  # of the voxels around the sensor that the road covers
+LEAST_SHARE = 0.1  # of the voxels around the sensor that the road covers
+MOST_BEYOND = 0.25  # of as many as it covers that lie below it
 HEIGHTS = (0.3, 5.0)  # metres of a sensor above its road
 MOST_TILT = np.radians(5.0)
 ODD_HEIGHT = 0.4  # metres by which the height may differ from what is said
@@ -51,11 +52,11 @@ def ground_of(
         said_height: of the sensor above the road, metres.
         settings: of the drive.
     """
-    planes = [widest_plane(points) for points in scans]
+    planes = [widest_plane(points, HEIGHTS) for points in scans]
     roads = [plane for plane in planes if plane is not None and _is_road(plane)]
     votes = Counter(_nearest_axis(plane.normal) for plane in roads)
     (up, count), *_ = votes.most_common(1) or [((0.0, 0.0, 1.0), 0)]
-    if count < MAJORITY * len(scans):
+    if count <= MAJORITY * len(scans):
         how = f"a flat surface near the sensor in {len(roads)} of {len(scans)} scans only"
         mend = "give whole scans, with the road in them, and look at the picture"
         return GroundFound(np.eye(3), said_height, len(scans) // 2, None), [Finding("no ground found", how, mend)]
@@ -74,7 +75,8 @@ def ground_of(
 
 
 def _is_road(plane: Plane) -> bool:
-    return plane.share >= LEAST_SHARE and HEIGHTS[0] <= plane.distance <= HEIGHTS[1]
+    within = HEIGHTS[0] <= plane.distance <= HEIGHTS[1]
+    return within and plane.share >= LEAST_SHARE and plane.beyond <= MOST_BEYOND * plane.share
 
 
 def _nearest_axis(normal: FloatArray) -> tuple[float, ...]:

@@ -9,7 +9,7 @@ from envpred.mapping.geometry import FloatArray
 
 NEAR, NEAREST = 20.0, 1.5  # metres from the sensor, between which it is looked for
 VOXEL = 0.4  # metres: one point of each, so that dense rings weigh no more than what lies farther away
-WITHIN = 0.15  # metres of the plane
+WITHIN, CLEARLY = 0.15, 0.4  # metres of the plane, and from it
 TRIALS = 300
 
 
@@ -20,18 +20,21 @@ class Plane(NamedTuple):
         normal: (3,) unit vector from the plane towards the sensor.
         distance: of the sensor from it, metres.
         share: of the voxels around the sensor that lie in it.
+        beyond: share of them that lie clearly behind it, seen from the sensor.
     """
 
     normal: FloatArray
     distance: float
     share: float
+    beyond: float
 
 
-def widest_plane(points: NDArray[np.float32], seed: int = 0) -> Plane | None:
-    """The plane with most of the voxels of a scan, by random sample consensus; None where there are hardly any.
+def widest_plane(points: NDArray[np.float32], distances: tuple[float, float], seed: int = 0) -> Plane | None:
+    """The plane with most of the voxels of a scan, by random sample consensus; None where there is none.
 
     Args:
         points: (N, >=3) in the sensor frame, metres.
+        distances: least and largest that it may have from the sensor, metres: a road's are its height.
         seed: of the samples.
     """
     away = np.linalg.norm(points[:, :3], axis=1)
@@ -47,6 +50,10 @@ def widest_plane(points: NDArray[np.float32], seed: int = 0) -> Plane | None:
     usable = lengths > 1e-6
     normals = normals[usable] / lengths[usable, None]
     offsets = -(normals * a[usable]).sum(axis=1)
+    able = (np.abs(offsets) >= distances[0]) & (np.abs(offsets) <= distances[1])
+    if not able.any():
+        return None
+    normals, offsets = normals[able], offsets[able]
     counts = (np.abs(near @ normals.T + offsets) < WITHIN).sum(axis=0)
     k = int(np.argmax(counts))
     inside = near[np.abs(near @ normals[k] + offsets[k]) < WITHIN]
@@ -55,5 +62,5 @@ def widest_plane(points: NDArray[np.float32], seed: int = 0) -> Plane | None:
     distance = -float(normal @ centre)
     if distance < 0:
         normal, distance = -normal, -distance
-    share = float((np.abs(near @ normal + distance) < WITHIN).mean())
-    return Plane(normal, distance, share)
+    height = near @ normal + distance
+    return Plane(normal, distance, float((np.abs(height) < WITHIN).mean()), float((height < -CLEARLY).mean()))

@@ -76,7 +76,7 @@ FAULTS: dict[str, tuple[Change, dict[str, Any], str, str]] = {
     ),
     "on its side": (
         *(turned([[1, 0, 0], [0, 0, -1], [0, 1, 0]]), CAR_POSES, "wrong axes"),
-        r"scans: \{axes: \[forward, up, right\]\}, poses: \{axes: \[forward, left, up\]\}",
+        r"scans: \{axes: \[forward, down, left\]\}, poses: \{axes: \[forward, left, up\]\}",
     ),
     "x right, y forward": (
         *(turned([[0, -1, 0], [1, 0, 0], [0, 0, 1]]), {}, "wrong axes"),

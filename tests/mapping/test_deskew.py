@@ -95,11 +95,12 @@ def test_the_widest_plane_is_found_whichever_way_it_faces() -> None:
     x, y = np.random.default_rng(0).uniform(-15, 15, (2, 4000))
     floor = np.column_stack([x, y, 0 * x - 1.8]).astype(np.float32)
     wall = np.column_stack([0 * y[:900] + 9, y[:900], np.abs(x[:900])]).astype(np.float32)
-    found = widest_plane(np.concatenate([floor, wall]))
+    found = widest_plane(np.concatenate([floor, wall]), (0.3, 5.0))
     assert found is not None
     np.testing.assert_allclose([*found.normal, found.distance], [0, 0, 1, 1.8], atol=1e-3)
     assert 0.6 < found.share < 1
-    upside_down = widest_plane(np.concatenate([floor, wall]) * np.array([1, -1, -1], np.float32))
+    upside_down = widest_plane(np.concatenate([floor, wall]) * np.array([1, -1, -1], np.float32), (0.3, 5.0))
     assert upside_down is not None
     np.testing.assert_allclose(upside_down.normal, [0, 0, -1], atol=1e-3)
-    assert widest_plane(floor[:20]) is None
+    assert widest_plane(floor[:20], (0.3, 5.0)) is None
+    assert widest_plane(wall, (0.3, 5.0)) is None
