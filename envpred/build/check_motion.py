@@ -135,7 +135,8 @@ def compare_poses(seen: Driven, settings: Settings) -> list[Finding]:
         findings.append(_other_frame(seen, fit, settings))
     if not is_usual(fit.scale):
         how = f"they move {1 / fit.scale:.3g} times as far as neighbouring scans say"
-        mend = settings.write(f"poses: {{scale: {_rounded(fit.scale):.4g}}}")
+        now = settings.folder.track.said.scale if settings.folder else 1.0
+        mend = settings.write(f"poses: {{scale: {now * _rounded(fit.scale):.4g}}}")
         findings.append(Finding("poses in other units", how, mend))
     return findings
 

@@ -82,8 +82,9 @@ class PoseTrack:
         step = float(np.median(steps))
         k = np.clip(np.searchsorted(times, self.stamps, side="right") - 1, 0, len(times) - 2)
         inside = (self.stamps >= times[0] - step / 2) & (self.stamps <= times[-1] + step / 2)
-        near: NDArray[np.bool_] = (np.abs(self.stamps - times[k]) < SAME) | (steps[k] <= LONGEST_STEP * step)
-        return inside & near
+        near = (np.abs(self.stamps - times[k]) < SAME) | (steps[k] <= LONGEST_STEP * step)
+        found: NDArray[np.bool_] = inside & near
+        return found
 
     @cached_property
     def poses(self) -> FloatArray:

@@ -34,7 +34,7 @@ def recorded() -> own.Recorded:
     body = synthetic.motion(FRAMES, speed=5.0, weave=0.3)
     scans = list(synthetic.scans(body, 0.0, 90))
     since = [np.linspace(0, 0.09, len(points)) for points in scans]
-    return own.Recorded(scans, since, body, 100 + own.PERIOD * np.arange(FRAMES))
+    return own.Recorded(scans, since, body, np.asarray(100 + own.PERIOD * np.arange(FRAMES), np.float64))
 
 
 @pytest.fixture

@@ -90,7 +90,8 @@ def write_folders(folder: Path) -> None:
     """One recording as `.pcd`, which is compressed, one as `.ply`, one as `.npy` and one as `.bin`."""
     body = motion(4, speed=5.0)
     made = list(scans(body, 0.0, 24))
-    street = own.Recorded(made, [np.zeros(len(points)) for points in made], body, 0.1 * np.arange(4))
+    times = np.asarray(0.1 * np.arange(4), np.float64)
+    street = own.Recorded(made, [np.zeros(len(points)) for points in made], body, times)
     for ending in (".pcd", ".ply", ".npy", ".bin"):
         own.write(folder / "drives" / ending[1:], street, ending, {"grid": {"cells": 16}})
     for k, points in enumerate(made):
