@@ -20,6 +20,7 @@ from envpred.datamodules.variants import VARIANTS
 from envpred.errors import UserError, check_number
 from envpred.interrupts import noted
 from envpred.report.paper import paper_page
+from envpred.results.names import input_name
 from envpred.simulate.commands import simulate
 from envpred.store import Store
 
@@ -44,6 +45,7 @@ def paper(
     trials: int = 0,
     seeds: list[int] = [0],  # noqa: B006 - read only, and the command line shows it
     workers: int = 1,
+    circles: bool = True,
     dry_run: bool = False,
 ) -> None:
     """Make the paper's tables and figures: map, tune if asked to, train, test and write one page.
@@ -56,6 +58,7 @@ def paper(
         trials: of each study that tunes a network beforehand; 0 takes the preset's hyperparameters.
         seeds: every network is trained with each of them.
         workers: runs at once, which share the processor's cores; small networks use one core best.
+        circles: circle the ego and what moves in the forecasts' figure; false for none.
         dry_run: print the plan, and end.
     """
     size = PRESETS[preset]
@@ -85,7 +88,7 @@ def paper(
         todo = [job for job in jobs if not job.is_done()]
         failures = execute(todo, show_plan(jobs, todo, [], store, workers), workers)
         if not failures:
-            say(f"page: {_page(jobs, store, drives, out, about(preset, trials, source))}")
+            say(f"page: {_page(jobs, store, drives, out, about(preset, trials, source), circles)}")
     if failures:
         raise UserError("\n".join([*failures, f"{len(failures)} of {len(jobs)} runs failed; run the command again"]))
 
@@ -96,8 +99,8 @@ def about(preset: str, trials: int, source: Path | None) -> list[str]:
     tuned = f"after a study of {trials} trials for each" if trials else "with hyperparameters that were not tuned here"
     return [
         f"Preset {preset}: {where}; networks trained {tuned}, PredNet in two stages (t+1, then t+5), the FCN on "
-        f"{FCN_VARIANT}. All methods forecast the same windows, each in the ego's grid of the frame. Standard errors, "
-        "intervals and tests take the drive as the unit of chance.",
+        f"{input_name(FCN_VARIANT)}. All methods forecast the same windows, each in the ego's grid of the frame. "
+        "Standard errors, intervals and tests take the drive as the unit of chance.",
         "The seven drives that the paper tested on are not known by name, so no number here is of its windows: compare "
         "ratios and signs, not levels.",
     ]
@@ -116,7 +119,7 @@ def _tuned(name: str, size: Preset, fit: list[str], store: Path, out: Path, tria
     return str(studies / name / BEST)
 
 
-def _page(jobs: Sequence[Job], store: Path, drives: Path, out: Path, paragraphs: list[str]) -> Path:
+def _page(jobs: Sequence[Job], store: Path, drives: Path, out: Path, paragraphs: list[str], circles: bool) -> Path:
     """The page, with figures of the first test drive."""
     data = GridDataModule(store)
     data.setup("test")
@@ -124,16 +127,16 @@ def _page(jobs: Sequence[Job], store: Path, drives: Path, out: Path, paragraphs:
     drive = Store(store).drives[tested[0]]
     middle = len(drive.frames) // 2
     figures = {"ground": out / "ground.png", "dogma": out / "dogma.png"}
-    ground(drives, figures["ground"], drive.name, drive.frames[middle])
-    velocity(store, figures["dogma"], drive.name, middle)
+    for ending in (".pdf", ".png"):
+        ground(drives, figures["ground"].with_suffix(ending), drive.name, drive.frames[middle])
+        velocity(store, figures["dogma"].with_suffix(ending), drive.name, middle)
     captions = {
         "ground": f"{drive.name}, frame {drive.frames[middle]}: obstacles by the Markov random field and by RANSAC.",
         "dogma": f"{drive.name}, frame {drive.frames[middle]}: velocities of the particle filter.",
     }
     told = {name: (file, captions[name]) for name, file in figures.items()}
-    return paper_page(
-        [job.result for job in jobs], out, told, {name: camera_of(name, drives) for name in tested}, paragraphs
-    )
+    cameras = {name: camera_of(name, drives) for name in tested}
+    return paper_page([job.result for job in jobs], out, told, cameras, paragraphs, circles)
 
 
 def main(args: list[str] | None = None) -> None:

@@ -170,18 +170,26 @@ def velocity(store: Path, out: Path, drive: str | None = None, frame: int = 0) -
         print(pictures.save(velocities.of_frame(chosen, frame), out))
 
 
-def report(runs: list[Path], out: Path, source: Path | None = None) -> None:
+def report(
+    runs: list[Path],
+    out: Path,
+    source: Path | None = None,
+    label: list[str] = [],  # noqa: B006 - read only, and the command line shows it
+    circles: bool = True,
+) -> None:
     """Compare test runs: tables, curves and one HTML page, from their results alone.
 
     Args:
         runs: result files, or folders that hold some, all of the same test windows; folders without any are skipped.
         out: folder for the report.
         source: folder with the drives, for the pictures of their camera.
+        label: RUN=NAME calls the method of a run (its folder or file) NAME; may be given several times.
+        circles: circle the ego and what moves in strips; false for none.
     """
     from envpred.cli.draw import camera_of
     from envpred.report import report as write_report
 
-    print(write_report(runs, out, camera=lambda drive: camera_of(drive, source)))
+    print(write_report(runs, out, camera=lambda drive: camera_of(drive, source), labels=label, circles=circles))
 
 
 def _stored_drive(store: Path, drive: str | None, frame: int) -> StoredDrive:
@@ -202,6 +210,7 @@ def draw(
     store: Path | None = None,
     source: Path | None = None,
     horizons: list[float] | None = None,
+    circles: bool = True,
 ) -> None:
     """Draw one window of predictions or test runs, several methods beside each other, as a strip or a .gif.
 
@@ -213,10 +222,11 @@ def draw(
         store: folder of the grids that were forecast from: adds what was shown, and the targets where there are any.
         source: folder with the drives, for pictures of their camera.
         horizons: of the strip, in seconds; by default those of the paper, and the last.
+        circles: circle the ego and what moves in a strip; false for none.
     """
     from envpred.cli.draw import draw as draw_window
 
-    print(draw_window(predictions, out, window, store, source, horizons))
+    print(draw_window(predictions, out, window, store, source, horizons, circles))
 
 
 def export_weights(run: Path, name: str, out: Path = Path("weights"), results: list[Path] | None = None) -> None:

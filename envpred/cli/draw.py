@@ -37,6 +37,7 @@ def draw(
     store: Path | None = None,
     source: Path | None = None,
     horizons: Sequence[float] | None = None,
+    circles: bool = True,
 ) -> str:
     """Draw a window into `out`; returns a line that says what was drawn.
 
@@ -48,6 +49,7 @@ def draw(
         store: grids that were forecast from.
         source: folder with drives, for the pictures of their camera.
         horizons: of a strip, in seconds.
+        circles: circle the ego and what moves in a strip.
 
     Raises:
         UserError: if no folder holds forecasts, or one lacks the window, or was forecast from other grids.
@@ -73,7 +75,7 @@ def draw(
     scene = together(scenes)
     steps = None if horizons is None else asked_steps(horizons, scene.horizons, scene.period)
     picture = scene_animation(scene) if out.suffix == ".gif" else None
-    save(picture or scene_strip(scene, steps, camera_of(scene.drive, source)), out)
+    save(picture or scene_strip(scene, steps, camera_of(scene.drive, source), circles=circles), out)
     return f"{out}: {scene.where}"
 
 

@@ -54,7 +54,7 @@ def parsed(name: str, function: Callable[..., Any], args: list[str], skip: tuple
     parser.add_function_arguments(function, as_positional=False, skip=skipped)
     known = options(command.function, skip=skip)
     tokens = ["--help" if token == "--help_all" else token for token in args]
-    given = parser.parse_args(plain(tokens, known, command.configs))
+    given = parser.parse_args(plain(tokens, known, command.configs, command.repeated))
     with as_raised():
         found = parser.instantiate(given)
     return {key: found[key] for key in vars(found) if key != "config"}

@@ -12,12 +12,14 @@ class Command:
         positional: the argument that is given without a name, if there is one, and how many it takes.
         configs: kinds of configurations that its --config knows by name.
         takes_fit: whether options of `envpred fit` go along with its own, to every run.
+        repeated: options that may be given several times, one value each, commas and all.
     """
 
     function: str
     positional: tuple[str, str | None] | None = None
     configs: tuple[str, ...] = ()
     takes_fit: bool = False
+    repeated: tuple[str, ...] = ()
 
 
 COMMANDS = {
@@ -27,7 +29,7 @@ COMMANDS = {
     "ground": Command("envpred.cli.commands.ground"),
     "show": Command("envpred.cli.commands.show"),
     "velocity": Command("envpred.cli.commands.velocity"),
-    "report": Command("envpred.cli.commands.report", ("runs", "+")),
+    "report": Command("envpred.cli.commands.report", ("runs", "+"), repeated=("label",)),
     "draw": Command("envpred.cli.commands.draw", ("predictions", "+")),
     "bag": Command("envpred.live.bag.bag"),
     "live": Command("envpred.cli.live.live", ("source", None), ("model", "data", "preset"), takes_fit=True),

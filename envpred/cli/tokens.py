@@ -13,19 +13,23 @@ OPTIONS = ("config", "seed_everything", "trainer", "model", "data", "predictions
 ALONE = ("help", "help_all", "print_config", "version")  # options that need no value
 
 
-def plain(args: Sequence[str], known: Sequence[Option], configs: Sequence[str]) -> list[str]:
+def plain(
+    args: Sequence[str], known: Sequence[Option], configs: Sequence[str], repeated: Collection[str] = ()
+) -> list[str]:
     """`args` with every flag's value written, single names of lists in brackets, and configurations as paths.
 
     Args:
         args: the command line, without the command.
         known: its options; what is not among them and has no value is taken for a flag.
         configs: kinds of configurations that --config knows by name.
+        repeated: options of which each adds its whole value to a list.
 
     Raises:
         UserError: if a configuration is neither a file nor ships.
     """
     by_name = {option.name: option for option in known}
-    done = []
+    done: list[str] = []
+    collected: dict[str, list[str]] = {}
     for name, value in pairs(args, {option.name for option in known if option.is_flag}):
         if name is None:
             done.append(value or "")
@@ -34,13 +38,15 @@ def plain(args: Sequence[str], known: Sequence[Option], configs: Sequence[str]) 
         if value is None:
             is_flag = option.is_flag if option else name.rsplit(".", 1)[-1] not in (*ALONE, "config")
             done.append(f"--{name}=true" if is_flag else f"--{name}")
+        elif name in repeated:
+            collected.setdefault(name, []).append(value)
         elif name == "config":
             done.append(f"--config={find(value, configs) if is_name(value) else value}")
         elif option is not None and option.is_list:
             done.append(f"--{name}={_listed(value, 'str' in option.kind)}")
         else:
             done.append(f"--{name}={value}")
-    return done
+    return [*done, *(f"--{name}={_as_list(values)}" for name, values in collected.items())]
 
 
 def pairs(args: Sequence[str], flags: Collection[str] = ()) -> Iterator[tuple[str | None, str | None]]:
@@ -88,5 +94,9 @@ def _listed(value: str, is_text: bool) -> str:
     """A list as YAML writes it; single values, and those between commas, need no brackets."""
     if value.startswith("[") or value in ("null", "None"):
         return value
-    parts = value.split(",")
-    return yaml.safe_dump(parts, default_flow_style=True, width=10**6).strip() if is_text else f"[{value}]"
+    return _as_list(value.split(",")) if is_text else f"[{value}]"
+
+
+def _as_list(texts: Sequence[str]) -> str:
+    """Texts as a list in YAML, on one line."""
+    return yaml.safe_dump(list(texts), default_flow_style=True, width=10**6).strip()

@@ -16,16 +16,29 @@ class Named(Struct):
     """The model of predictions."""
 
     name: Key
+    hyperparameters: dict[str, Any] = {}
+    untrained: bool = False
 
 
-class Model(Named):
+class TrainedOn(Struct):
+    """The data that weights come from."""
+
+    drives: list[Line] = []
+
+
+class Trained(Struct):
+    """Where the weights of a result come from."""
+
+    data: TrainedOn = field(default_factory=TrainedOn)
+
+
+class Model(Named, kw_only=True):
     """The model of a result."""
 
     parameters: Count
     hyperparameters: dict[str, Any]
-    trained: dict[str, Any] | None = None
+    trained: Trained | None = None
     flops: Number | None = None
-    untrained: bool = False
 
 
 class Data(Struct):

@@ -5,6 +5,7 @@ colours of Okabe and Ito, on maps in grey.
 """
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,7 @@ from matplotlib.lines import Line2D
 from PIL import Image
 
 from envpred.horizons import in_seconds
-from envpred.pictures.grids import SKY, VERMILION, draw_grid
+from envpred.pictures.grids import SKY, SMALL, TEXT, VERMILION, draw_grid
 from envpred.pictures.panels import (
     blank,
     colour_bar,
@@ -29,6 +30,7 @@ from envpred.pictures.panels import (
 from envpred.results.scenes import Scene
 
 TARGET = "target"
+MOST = 5  # methods in a strip that fits on a page
 Camera = Callable[[int], Path | None]  # frame -> the file of its picture, if there is one
 
 
@@ -42,8 +44,8 @@ def forecast_strip(scene: Scene, title: str | None = None) -> Figure:
         black = draw_grid(axes[0][column], truth, scene.resolution, cmap="gray_r", vmin=0, vmax=1)
         draw_grid(axes[1][column], guess, scene.resolution, cmap="gray_r", vmin=0, vmax=1)
         error = draw_grid(axes[2][column], guess - truth, scene.resolution, cmap="PuOr", vmin=-1, vmax=1)
-        axes[0][column].set_title(in_seconds(h * scene.period))
-        axes[2][column].set_xlabel(f"MSE {np.mean((guess - truth) ** 2):.4f}", fontsize=8)
+        axes[0][column].set_title(in_seconds(h * scene.period), fontsize=TEXT, pad=3)
+        axes[2][column].set_xlabel(f"MSE {np.mean((guess - truth) ** 2):.4f}", fontsize=SMALL, labelpad=2)
     label_rows(axes, [TARGET, "forecast", "forecast - target"])
     if scene.oracles:
         mark_oracle(axes[1])
@@ -53,11 +55,21 @@ def forecast_strip(scene: Scene, title: str | None = None) -> Figure:
     return fig
 
 
+def scene_parts(scene: Scene) -> list[Scene]:
+    """The scene, or several of some of its methods each, whose strips are no longer than a page."""
+    methods = list(scene.forecasts)
+    number = -(-len(methods) // MOST)
+    size = -(-len(methods) // number)
+    parts = [methods[n : n + size] for n in range(0, len(methods), size)]
+    return [replace(scene, forecasts={name: scene.forecasts[name] for name in part}) for part in parts]
+
+
 def scene_strip(
     scene: Scene,
     horizons: Sequence[int] | None = None,
     camera: Camera | None = None,
     title: str | None = None,
+    circles: bool = True,
 ) -> Figure:
     """The paper's results figure: camera, target and each method's forecast, the last frame shown before them.
 
@@ -68,6 +80,7 @@ def scene_strip(
         horizons: the columns (1 is the first step), by default the paper's and the last if that lies beyond them.
         camera: tells the file of the picture of a frame, if there are any.
         title: of the whole, by default drive and frame.
+        circles: circle the ego and what moves.
     """
     shown = list(scene.shown if horizons is None else [h for h in horizons if h <= scene.horizons])
     columns = ([0] if len(scene.seen) else []) + shown
@@ -83,43 +96,46 @@ def scene_strip(
     maps = axes[bool(ratios) :]
     first = len(columns) - len(shown)
     if first:
-        axes[0][0].set_title(f"{in_seconds(0)}, seen")
-        _draw_seen([row[0] for row in maps], scene)
+        axes[0][0].set_title(f"{in_seconds(0)}, seen", fontsize=TEXT, pad=3)
+        _draw_seen([row[0] for row in maps], scene, circles)
     moving = False
     for column, h in enumerate(shown, first):
-        axes[0][column].set_title(in_seconds(h * scene.period))
+        axes[0][column].set_title(in_seconds(h * scene.period), fontsize=TEXT, pad=3)
         marks = scene.movers(h)
         moving |= bool(marks)
         for ax, (name, grids) in zip([row[column] for row in maps], rows.items(), strict=True):
             if h > len(grids):
                 blank(ax, "no target" if name == TARGET else "not forecast")
                 continue
-            image = draw_circled(ax, grids[h - 1], scene.resolution, marks)
+            image = draw_circled(ax, grids[h - 1], scene.resolution, marks, circles)
             if name != TARGET and h <= len(scene.target):
-                ax.set_xlabel(f"MSE {np.mean((grids[h - 1] - scene.target[h - 1]) ** 2):.4f}", fontsize=8)
+                ax.set_xlabel(
+                    f"MSE {np.mean((grids[h - 1] - scene.target[h - 1]) ** 2):.4f}", fontsize=SMALL, labelpad=2
+                )
     label_rows([row[apart:] for row in maps], list(rows))
     for name, row in zip(rows, maps, strict=True):
         if name in scene.oracles:
             mark_oracle(row[first:])
     colour_bar(maps[-1][-1], image, "probability of occupied")
-    circles = {"ego": SKY} | ({"moving": VERMILION} if moving else {})
-    keys = [Line2D([], [], marker="o", ls="", mfc="none", mec=colour, label=name) for name, colour in circles.items()]
-    fig.legend(handles=keys, loc="lower right", fontsize=8, ncols=2, frameon=False)
+    colours = {"ego": SKY} | ({"moving": VERMILION} if moving else {}) if circles else {}
+    keys = [Line2D([], [], marker="o", ls="", mfc="none", mec=colour, label=name) for name, colour in colours.items()]
+    if keys:
+        fig.legend(handles=keys, loc="lower right", fontsize=SMALL, ncols=2, frameon=False)
     entitle(fig, scene.where if title is None else title)
     return fig
 
 
-def _draw_seen(column: Sequence[Axes], scene: Scene) -> None:
+def _draw_seen(column: Sequence[Axes], scene: Scene, circles: bool) -> None:
     """The last frame shown, and below it the wider grid, if there is one."""
-    draw_circled(column[0], scene.seen[-1], scene.resolution)
+    draw_circled(column[0], scene.seen[-1], scene.resolution, circles=circles)
     used = 1
     if scene.context is not None:
         used = 2
-        draw_context(column[1], scene.context, scene.seen.shape[-1], scene.resolution)
+        draw_context(column[1], scene.context, scene.seen.shape[-1], scene.resolution, circles)
         for ax in column[:used]:
-            ax.set_ylabel("north (m)", fontsize=8)
+            ax.set_ylabel("north (m)", fontsize=SMALL)
             ax.yaxis.set_major_locator(metres())
-    column[used - 1].xaxis.set_major_locator(metres())
-    column[used - 1].set_xlabel("east (m)", fontsize=8)
+        column[1].xaxis.set_major_locator(metres())
+        column[1].set_xlabel("east (m)", fontsize=SMALL)
     for ax in column[used:]:
         ax.set_axis_off()

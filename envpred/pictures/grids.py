@@ -31,12 +31,16 @@ Grid = NDArray[np.floating] | NDArray[np.uint8]
 LABEL_COLOURS = {UNKNOWN: "#bbbbbb", OCCUPIED: "#000000", FREE: "#ffffff", EGO: "#e69f00"}
 LABEL_NAMES = {UNKNOWN: "unknown", OCCUPIED: "occupied", FREE: "free", EGO: "ego"}
 ORANGE, SKY, GREEN, VERMILION, GREY = "#e69f00", "#56b4e9", "#009e73", "#d55e00", "#999999"
-BLUE, PURPLE, BLACK = "#0072b2", "#cc79a7", "#000000"
+PURPLE, BLACK = "#cc79a7", "#000000"
+
+SINGLE, DOUBLE = 3.5, 7.16  # inches; the widths of one column and of two in the IEEE's journals
+TEXT, SMALL = 8, 7  # points; smaller is not read in print
+FINE, COARSE = 220, 130  # dots an inch of what is as wide as a column, or wider than a page
 
 
 def figure(width: float, height: float, layout: Literal["constrained"] | None = "constrained") -> Figure:
     """A figure of `width` x `height` inches that needs no screen and no global state."""
-    fig = Figure(figsize=(width, height), layout=layout)
+    fig = Figure(figsize=(width, height), layout=layout, dpi=FINE if width <= DOUBLE else COARSE)
     FigureCanvasAgg(fig)
     return fig
 
@@ -65,7 +69,7 @@ def save(picture: Figure | bytes, file: Path | str) -> Path:
         else:
             # TrueType: journals refuse Type 3, which is what fonts of a PDF are by default.
             with matplotlib.rc_context({"pdf.fonttype": 42, "ps.fonttype": 42}):
-                picture.savefig(part, dpi=130)
+                picture.savefig(part, dpi="figure")
     return file
 
 
@@ -76,9 +80,12 @@ def edges(cells: int, resolution: float) -> tuple[float, float]:
 
 
 def draw_grid(ax: Axes, grid: Grid, resolution: float, **options: Any) -> AxesImage:
-    """Draw `grid` (H, W), cells of `resolution` metres, as a map: east right, north up, metres from the centre cell."""
+    """Draw `grid` (H, W), cells of `resolution` metres, as a map: east right, north up, metres from the centre cell.
+
+    Its cells keep their edges; a PDF holds them as they are, one pixel a cell, at any size.
+    """
     low, high = edges(grid.shape[0], resolution)
-    return ax.imshow(grid.T, origin="lower", extent=(low, high, low, high), interpolation="nearest", **options)
+    return ax.imshow(grid.T, origin="lower", extent=(low, high, low, high), interpolation="none", **options)
 
 
 def draw_labels(ax: Axes, labels: NDArray[np.uint8], resolution: float) -> None:
@@ -153,7 +160,7 @@ def ground_comparison(points: NDArray[np.float32], verdicts: dict[str, NDArray[n
         verdicts: for two methods by name, which points are obstacles (N,).
     """
     (first, a), (second, b) = verdicts.items()
-    fig = figure(13, 4.8)
+    fig = figure(DOUBLE, 3.4)
     axes = fig.subplots(1, 3, sharex=True, sharey=True)
     layers = [
         (f"obstacles of {first}", [(a, "#000000", "obstacle"), (~a, "#dddddd", "ground")]),
@@ -167,11 +174,12 @@ def ground_comparison(points: NDArray[np.float32], verdicts: dict[str, NDArray[n
     for ax, (title, parts) in zip(axes, layers, strict=True):
         for chosen, colour, name in sorted(parts, key=lambda part: part[1] != "#dddddd"):
             x, y = points[near & chosen, 0], points[near & chosen, 1]
-            ax.plot(x, y, ",", color=colour)
-            ax.plot([], [], "s", color=colour, label=f"{name} ({np.count_nonzero(near & chosen):,})")
-        ax.set_title(title)
-        ax.set_xlabel("forward (m)")
+            ax.plot(x, y, ".", ms=0.6, mew=0, color=colour, rasterized=True)  # as dots a PDF would hold a megabyte
+            ax.plot([], [], "s", ms=4, color=colour, label=f"{name} ({np.count_nonzero(near & chosen):,})")
+        ax.set_title(title, fontsize=TEXT)
+        ax.set_xlabel("forward (m)", fontsize=TEXT)
+        ax.tick_params(labelsize=SMALL)
         ax.set_aspect("equal")
-        ax.legend(loc="upper right", fontsize=7)
-    axes[0].set_ylabel("left (m)")
+        ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.18), fontsize=SMALL, frameon=False)
+    axes[0].set_ylabel("left (m)", fontsize=TEXT)
     return fig

@@ -10,7 +10,7 @@ from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
 from envpred.horizons import in_seconds
-from envpred.pictures.grids import SKY, Grid, draw_grid, edges
+from envpred.pictures.grids import SKY, SMALL, TEXT, Grid, draw_grid, edges
 from envpred.pictures.panels import colour_bar, entitle, label_rows, mark_oracle, metres, panels
 from envpred.results.scenes import Grids, Scene
 
@@ -41,13 +41,13 @@ def rollout_strip(
         target = scene.target[h - 1]
         moved = scene.centre_cell[now + h] - scene.centre_cell[now]
         hits = _draw_world(axes[0][column], world[h - 1], target.shape[0], moved, scene.resolution)
-        axes[0][column].set_title(in_seconds(h * scene.period))
+        axes[0][column].set_title(in_seconds(h * scene.period), fontsize=TEXT, pad=3)
         grey = draw_grid(axes[1][column], rendered[h - 1], scene.resolution, cmap="gray_r", vmin=0, vmax=1)
-        axes[1][column].set_xlabel(_mse(rendered[h - 1], target), fontsize=8)
+        axes[1][column].set_xlabel(_mse(rendered[h - 1], target), fontsize=SMALL, labelpad=2)
         if corrected is not None:
             correction = _draw_difference(axes[2][column], corrected[h - 1] - rendered[h - 1], scene, LARGEST)
         error = _draw_difference(axes[-1][column], forecast[h - 1] - target, scene, 1)
-        axes[-1][column].set_xlabel(_mse(forecast[h - 1], target), fontsize=8)
+        axes[-1][column].set_xlabel(_mse(forecast[h - 1], target), fontsize=SMALL, labelpad=2)
     label_rows(axes, names)
     _look_closer(axes[0], world[[h - 1 for h in shown]], scene.resolution)
     if scene.oracles:

@@ -19,7 +19,8 @@ from PIL import Image
 from envpred.horizons import in_seconds, shown_steps
 from envpred.mapping.dogma import moving_velocity
 from envpred.mapping.geometry import EGO, FREE, OCCUPIED, UNKNOWN, heading_of
-from envpred.pictures.grids import LABEL_COLOURS, draw_grid, figure, gif
+from envpred.pictures.grids import LABEL_COLOURS, SINGLE, SMALL, TEXT, draw_grid, figure, gif
+from envpred.pictures.panels import metres
 from envpred.store import StoredDrive
 
 FASTEST = 12.0  # m/s; what is faster has the colour of the wheel's rim
@@ -65,8 +66,8 @@ def draw_wheel(ax: Axes, size: float = 0.26) -> None:
     wheel.set_axis_off()
     wheel.set(xlim=(-1.45, 1.45), ylim=(-1.45, 1.45))
     for text, x, y in (("E", 1.2, 0), ("N", 0, 1.2), ("W", -1.2, 0), ("S", 0, -1.2)):
-        wheel.text(x, y, text, ha="center", va="center", fontsize=6)
-    wheel.text(0, 0, f"{FASTEST:.0f} m/s\nat the rim", ha="center", va="center", fontsize=4.5, color="white")
+        wheel.text(x, y, text, ha="center", va="center", fontsize=SMALL)
+    wheel.text(0, 0, f"{FASTEST:.0f} m/s\nat the rim", ha="center", va="center", fontsize=SMALL, color="white")
 
 
 def draw_picture(ax: Axes, picture: Picture, resolution: float, heading: float | None = None) -> tuple[Artist, Artist]:
@@ -92,7 +93,7 @@ def of_frame(drive: StoredDrive, frame: int) -> Figure:
     ax = _framed()
     picture, heading = _stored(drive, frame)
     draw_picture(ax, picture, drive.manifest["lattice"]["resolution"], heading)
-    ax.set_title(f"{drive.name}, frame {drive.frames[frame]}", fontsize=9)
+    ax.set_title(f"{drive.name}, frame {drive.frames[frame]}", fontsize=TEXT)
     return cast(Figure, ax.figure)
 
 
@@ -102,13 +103,13 @@ def of_drive(drive: StoredDrive) -> bytes:
     Raises:
         UserError: if the drive has no velocities.
     """
-    ax = _framed(size=4.6)
+    ax = _framed()
     canvas = FigureCanvasAgg(cast(Figure, ax.figure))
 
     def frame(t: int) -> Image.Image:
         picture, heading = _stored(drive, t)
         artists = draw_picture(ax, picture, drive.manifest["lattice"]["resolution"], heading)
-        ax.set_title(f"{drive.name}, frame {drive.frames[t]}", fontsize=9)
+        ax.set_title(f"{drive.name}, frame {drive.frames[t]}", fontsize=TEXT)
         canvas.draw()  # type: ignore[no-untyped-call]
         shown = np.asarray(canvas.buffer_rgba())[..., :3]  # type: ignore[no-untyped-call]
         for artist in artists:
@@ -165,11 +166,14 @@ def _stored(drive: StoredDrive, t: int) -> tuple[Picture, float]:
     return over_labels(labels, moving), float(heading_of(np.array(drive.array("pose")[t])))
 
 
-def _framed(size: float = 5.6) -> Axes:
+def _framed(size: float = SINGLE) -> Axes:
     """Axes in metres in a figure of their own, `size` inches wide, with the wheel."""
     fig = figure(size, size, layout=None)
-    ax = fig.add_axes((0.12, 0.1, 0.86, 0.84))
-    ax.set_xlabel("east (m)")
-    ax.set_ylabel("north (m)")
-    draw_wheel(ax)
+    ax = fig.add_axes((0.14, 0.12, 0.84, 0.81))
+    ax.set_xlabel("east (m)", fontsize=TEXT)
+    ax.set_ylabel("north (m)", fontsize=TEXT)
+    ax.tick_params(labelsize=SMALL)
+    ax.xaxis.set_major_locator(metres())
+    ax.yaxis.set_major_locator(metres())
+    draw_wheel(ax, 0.32)
     return ax

@@ -3,9 +3,9 @@
 from collections.abc import Sequence
 from typing import Any
 
-from envpred.report.published import STATIC
 from envpred.report.run import Run
 from envpred.report.statistics import Contrast
+from envpred.results.names import STATIC
 
 AGAINST_STATIC = "better than the static baseline?"
 AGAINST_MOVED = "better than the last frame moved with the ego?"

@@ -51,18 +51,21 @@ def metric_tables(runs: Sequence[Run]) -> list[Table]:
     kinds = {key_of(key, kind): kind for key in told for kind in KINDS}
     for key in (key for key in told if key not in kinds):
         rows: list[list[Cell]] = []
+        panels: list[int] = []
         having: list[Run] = []
         for part in (key, *(key_of(key, kind) for kind in KINDS)):
             of = f", {kinds[part]} cells" if part in kinds else ""
             found = [run for run in runs if part in run.metrics]
             if any(np.isfinite(run.metrics[part].mean).any() for run in found):
+                panels += [len(rows)] * bool(rows)
                 rows += [[Cell(marked(run.label, read_future) + of), *_cells(run, run.metrics[part])] for run in found]
                 having += found
         if rows:
             about = having[0].metrics[key].about
             caption = f"Value {errors_note(runs[0])} Undefined windows do not count.{rewards_note(about)}"
+            caption += " Below each rule over other cells: compare within a panel." * bool(panels)
             caption += oracle_note(oracles(having))
-            tables.append(Table(key, heading(about), caption, ["method", *heads(runs[0])], rows))
+            tables.append(Table(key, heading(about), caption, ["method", *heads(runs[0])], rows, panels))
     return tables
 
 

@@ -75,7 +75,9 @@ def cells_table(runs: Sequence[Run]) -> Table | None:
         "none. Brier score and calibration error are over the cells measured in the target's frame. "
         f"CRPS of a forecast without samples is its absolute error.{oracle_note(oracles(runs))}"
     )
-    return Table("how_sure_cells", "How sure, by kind of cells", caption, ["cells", "method", *SCORES.values()], rows)
+    panels = range(len(runs), len(rows), len(runs))
+    titles = ["cells", "method", *SCORES.values()]
+    return Table("how_sure_cells", "How sure, by kind of cells", caption, titles, rows, panels)
 
 
 def _cell(measured: Measured | None, h: int) -> Cell:

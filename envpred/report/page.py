@@ -24,8 +24,19 @@ th, td { padding: .25em .7em; border-bottom: 1px solid #ddd; text-align: left; v
 th { border-bottom: 2px solid #444; } .number { text-align: right; white-space: nowrap; }
 .wide { overflow-x: auto; } .caption, figcaption { color: #555; font-size: 13px; max-width: 60em; margin: .2em 0 1em; }
 .published { background: #f4f1e8; border-left: 4px solid #e69f00; padding: .2em 1em; }
-figure { margin: 1em 0; } img { max-width: 100%; height: auto; } dt, summary { font-weight: 600; }
+.panel td { border-top: 2px solid #444; }
+figure { margin: 1em 0; } img { max-width: max(100%, 800px); height: auto; } dt, summary { font-weight: 600; }
+dd { overflow-wrap: anywhere; }
 #models td:last-child { font: 12px ui-monospace, monospace; min-width: 22em; word-break: break-word; }
+@page { size: A4; margin: 14mm; }
+@media print {
+  body { font-size: 10pt; max-width: none; margin: 0; padding: 0; } table { font-size: 8pt; width: 100%; }
+  th, td { padding: .15em .3em; } .number { white-space: normal; } .wide { overflow: visible; }
+  #models { font-size: 7pt; } #models td:last-child { font-size: 6.5pt; min-width: 0; }
+  #models td:nth-last-child(-n+2) { overflow-wrap: anywhere; word-break: normal; }
+  img { max-width: 100%; max-height: 245mm; } figure, tr { break-inside: avoid; } thead { display: table-header-group; }
+  h2, h3, summary { break-after: avoid; } figcaption, .caption { break-before: avoid; font-size: 9pt; }
+}
 """
 
 
@@ -57,7 +68,8 @@ class Picture:
         data = base64.b64encode(self.content).decode()
         text = html.escape(self.caption)
         return (
-            f'<figure><img src="data:{self.media};base64,{data}" alt="{text}"><figcaption>{text}</figcaption></figure>'
+            f'<figure><div class="wide"><img src="data:{self.media};base64,{data}" alt="{text}"></div>'
+            f"<figcaption>{text}</figcaption></figure>"
         )
 
 
@@ -82,6 +94,7 @@ def _natural(name: str) -> list[tuple[int, str]]:
 
 def page(
     runs: Sequence[Run],
+    paragraph: str,
     measured: Sequence[Table],
     published: Sequence[Table],
     appendix: Sequence[Table],
@@ -91,9 +104,10 @@ def page(
 ) -> str:
     """The page: `measured` tables, `curves` by heading, `published` tables set apart, pictures, the `appendix`.
 
-    `compared` are the pictures that show all methods, `pictures` those of single runs.
+    The `paragraph` says how it was measured; `compared` are the pictures that show all methods, `pictures` those of
+    single runs.
     """
-    parts = ["<h2>Measured on</h2>", measured_data(runs[0]), "<h2>Results</h2>"]
+    parts = ["<h2>Measured on</h2>", measured_data(runs[0]), f"<p>{html.escape(paragraph)}</p>", "<h2>Results</h2>"]
     parts += [section(table) for table in measured]
     parts += [f"<h2>{html.escape(heading)}</h2>{picture.html()}" for heading, picture in curves.items()]
     parts.append('<h2>Published numbers, for comparison</h2><div class="published">')
@@ -122,11 +136,11 @@ def document(title: str, parts: Sequence[str]) -> str:
     )
 
 
-def section(table: Table) -> str:
-    """A table under its title; a long one is folded."""
+def section(table: Table, titled: bool = True) -> str:
+    """A table under its title, or without if a heading above has said it; a long one is folded."""
     if len(table.rows) > LONG:
         return f"<details><summary>{html.escape(table.title)}</summary>\n{table.html()}</details>"
-    return f"<h3>{html.escape(table.title)}</h3>\n{table.html()}"
+    return f"<h3>{html.escape(table.title)}</h3>\n{table.html()}" if titled else table.html()
 
 
 def measured_data(run: Run) -> str:

@@ -7,13 +7,14 @@ from pathlib import Path
 import numpy as np
 
 from envpred.metrics.horizon_mse import MassMSE
-from envpred.pictures.forecasts import Camera, scene_strip
+from envpred.pictures.forecasts import Camera
 from envpred.pictures.grids import save
 from envpred.report.contrasts import AGAINST_STATIC, EVIDENCE, VELOCITIES
-from envpred.report.curves import error_curves
+from envpred.report.curves import error_caption, error_curves
 from envpred.report.details import comparisons_table, metric_tables, models_table
 from envpred.report.page import Picture, document, measured_data, section
-from envpred.report.pictures import compared_scenes
+from envpred.report.paragraph import paragraph, write_paragraph
+from envpred.report.pictures import compared_scenes, save_strips
 from envpred.report.ratios import ratio_table
 from envpred.report.run import Run
 from envpred.report.runs import read_runs
@@ -96,6 +97,7 @@ def paper_page(
     figures: Mapping[str, tuple[Path, str]],
     cameras: Mapping[str, Camera | None],
     about: Sequence[str],
+    circles: bool = True,
 ) -> Path:
     """Write the page of the paper's results into `out`; returns it.
 
@@ -105,6 +107,7 @@ def paper_page(
         figures: files of the `FIGURES`, and what is on them.
         cameras: the camera's pictures, by drive.
         about: paragraphs that say how it was made.
+        circles: circle the ego and what moves in strips.
 
     Raises:
         UserError: as `read_runs`.
@@ -125,41 +128,38 @@ def paper_page(
     }
     out.mkdir(parents=True, exist_ok=True)
     write_tables([table for table in tables.values() if table is not None], out)
+    text = paragraph(read, compared)
+    write_paragraph(text, out)
     curves = error_curves(runs)
     save(curves, out / "error.pdf")
-    parts = ["<h2>Measured on</h2>", measured_data(runs[0]), *(f"<p>{html.escape(text)}</p>" for text in about)]
-    parts += ["<h2>Table I: PredNet by input variant</h2>", _table(tables["ours"])]
+    parts = ["<h2>Measured on</h2>", measured_data(runs[0]), *(f"<p>{html.escape(t)}</p>" for t in (*about, text))]
+    ours = _table(tables["ours"], titled=False) or "<p>Fewer than two input variants of PredNet were tested.</p>"
+    parts += ["<h2>Table I: PredNet by input variant</h2>", ours]
     parts += ['<div class="published">', _table(tables["published"]), "</div>"]
     parts += ["<h2>Error over the horizon</h2>"]
-    parts.append(Picture.read(save(curves, out / "error.png"), _ERROR).html())
-    parts += ["<h2>Forecasts</h2>", *(picture.html() for picture in _strips(read, out, cameras))]
-    parts += ["<h2>What becomes of the paper's conclusions</h2>", _table(tables["conclusions"])]
+    parts.append(Picture.read(save(curves, out / "error.png"), error_caption(runs)).html())
+    parts += ["<h2>Forecasts</h2>", *(picture.html() for picture in _strips(read, out, cameras, circles))]
+    parts += ["<h2>What becomes of the paper's conclusions</h2>", _table(tables["conclusions"], titled=False)]
     for name, heading in FIGURES.items():
         if name in figures:
             file, caption = figures[name]
             parts += [f"<h2>{heading}</h2>", Picture.read(file, caption).html()]
-    parts += ["<h2>All methods</h2>", *(_table(tables[name]) for name in ("methods", "mass", "ratios", "seeds"))]
+    parts += ["<h2>All methods</h2>", _table(tables["methods"], titled=False)]
+    parts += [_table(tables[name]) for name in ("mass", "ratios", "seeds")]
     parts += ["<h2>Details</h2>", *(_table(tables[name]) for name in ("comparisons", "models"))]
     page = document("Dynamic environment prediction: the paper's results, measured again", parts)
     return replace_text(out / PAGE, page)
 
 
-_ERROR = (
-    "Left, measured here, with bands of one standard error over drives; right, as published, on other drives and with "
-    "standard errors over windows."
-)
+def _table(table: Table | None, titled: bool = True) -> str:
+    return "" if table is None else section(table, titled)
 
 
-def _table(table: Table | None) -> str:
-    return "" if table is None else section(table)
-
-
-def _strips(runs: Sequence[Run], out: Path, cameras: Mapping[str, Camera | None]) -> list[Picture]:
+def _strips(runs: Sequence[Run], out: Path, cameras: Mapping[str, Camera | None], circles: bool) -> list[Picture]:
     """The qualitative figure of every window that all runs drew: camera, target, and what each method forecast."""
     pictures = []
     for n, scene in enumerate(compared_scenes(runs)):
-        fig = scene_strip(scene, camera=cameras.get(scene.drive))
-        save(fig, out / f"window_{n}.pdf")
-        caption = f"{scene.where}: camera, target and forecasts; what moves is circled."
-        pictures.append(Picture.read(save(fig, out / f"window_{n}.png"), caption))
+        caption = f"{scene.where}: camera, target and forecasts{'; what moves is circled' * circles}."
+        strips = save_strips(scene, out / f"window_{n}", cameras.get(scene.drive), circles)
+        pictures += [Picture.read(strip, caption) for strip in strips]
     return pictures

@@ -2,12 +2,15 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
 from envpred.errors import UserError
-from envpred.report.published import STATIC
+from envpred.pictures.forecasts import Camera, scene_parts, scene_strip
+from envpred.pictures.grids import save
 from envpred.report.run import Run
+from envpred.results.names import STATIC
 from envpred.results.scenes import Scene, read_scenes, together
 from envpred.store.files import inside
 
@@ -54,3 +57,14 @@ def compared_scenes(runs: Sequence[Run]) -> list[Scene]:
     if any(run.role == "static" for run in runs):
         return common
     return [replace(scene, forecasts=scene.forecasts | {STATIC: scene.static}) for scene in common]
+
+
+def save_strips(scene: Scene, name: Path, camera: Camera | None, circles: bool) -> list[Path]:
+    """Draw a scene beside its files' `name`, as .pdf and .png; returns the latter, several if one were too long."""
+    files = []
+    for n, part in enumerate(scene_parts(scene)):
+        stem = name.name + f"_part_{n + 1}" * (n > 0)
+        strip = scene_strip(part, camera=camera, circles=circles)
+        save(strip, name.with_name(f"{stem}.pdf"))
+        files.append(save(strip, name.with_name(f"{stem}.png")))
+    return files

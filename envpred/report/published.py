@@ -9,15 +9,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from envpred.results import names
+from envpred.results.names import LEARNED, method_name
+
 FloatArray = NDArray[np.float64]
 
 SOURCE = "published: Itkina et al. 2019, seven other drives of KITTI"
 STATIC = "static"
+PARTICLES = "particle_forecast"
+# What the curves of the paper's error figure are called: as a result of the same method is.
 CURVE_NAMES = {
-    "prednet_dst_dogma": "PredNet (dst_dogma)",
-    "fcn_prob_dogma": "FCN (prob_dogma)",
-    "particle_filter": "particle filter",
-    STATIC: "static",
+    "prednet_dst_dogma": method_name({"name": "prednet"}, LEARNED, "dst_dogma"),
+    "fcn_prob_dogma": method_name({"name": "fcn"}, LEARNED, "prob_dogma"),
+    "particle_filter": method_name({"name": PARTICLES}, "particle", ""),
+    STATIC: names.STATIC,
 }
 
 
@@ -59,12 +64,19 @@ def table_1() -> dict[str, Curve]:
     return {name: Curve(horizon_s, row[:, 0], row[:, 1]) for name, row in rows.items()}
 
 
-def counterpart(name: str, variant: str) -> Curve | None:
-    """What the paper published for the method `name`, as results name it, with input `variant`; None if nothing."""
+def counterpart(name: str, role: str, variant: str) -> Curve | None:
+    """What the paper published for the method `name`, as results name it, of that role and input; None if nothing."""
     if name == "prednet":
         return table_1().get(variant)
-    if name == "fcn":
-        return curves().get(f"fcn_{variant}")  # it published that of prob_dogma alone
-    if name == "particle_forecast":  # reads the filter's particles, whatever the variant
-        return curves()["particle_filter"]
-    return curves()[STATIC] if name == STATIC else None
+    key = curve_of(name, role, variant)
+    return curves()[key] if key else None
+
+
+def curve_of(name: str, role: str, variant: str) -> str | None:
+    """Which of the paper's `curves` is of the method `name`, as results name it; None if none is."""
+    if role == "static":
+        return STATIC
+    if name == PARTICLES:  # reads the filter's particles, whatever the variant
+        return "particle_filter"
+    key = f"{name}_{variant}"
+    return key if key in curves() else None

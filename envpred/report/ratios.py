@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import torch
 
 from envpred.metrics.skill import skill
-from envpred.report.published import SOURCE, STATIC, counterpart
+from envpred.report.published import SOURCE, counterpart
 from envpred.report.run import Measured, Run
 from envpred.report.statistics import ratio_drive_errors
 from envpred.report.table import Cell, Table
@@ -14,12 +14,12 @@ from envpred.report.tables import errors_note, heads, marked, oracle_note, oracl
 
 def ratio_table(runs: Sequence[Run]) -> Table | None:
     """Squared error over the static baseline's on the same windows, beside that ratio of the published numbers."""
-    static, published_static = static_of(runs), counterpart(STATIC, "")
+    static, published_static = static_of(runs), counterpart("", "static", "")
     if static is None or published_static is None:
         return None
     rows = []
     for run in runs:
-        theirs = counterpart(STATIC if run.role == "static" else run.name, run.variant)
+        theirs = counterpart(run.name, run.role, run.variant)
         cells = _ratios(run, static)
         for seconds in run.horizon_s[shown_columns(run)]:
             told, base = (curve.at(seconds) if curve else None for curve in (theirs, published_static))

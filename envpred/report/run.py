@@ -33,7 +33,8 @@ class Run:
 
     Args:
         file: the result.
-        label: names the run within a report.
+        method: what people call it.
+        label: names the run within a report: the method, and what tells it from others of that name.
         name: of the model.
         role: what kind of forecaster it is: `static`, `moved`, `particle`, `rollout`, `oracle` or `learned`.
         variant: of its input.
@@ -42,9 +43,11 @@ class Run:
         reliability: the reliability diagram (N, bins), if there is one.
         data: what it was measured on.
         record: the whole result.
+        seeds: how many it is the mean of.
     """
 
     file: Path
+    method: str
     label: str
     name: str
     role: str
@@ -54,6 +57,7 @@ class Run:
     reliability: dict[str, FloatArray] | None
     data: dict[str, Any]
     record: dict[str, Any]
+    seeds: int = 1
 
     @property
     def mse(self) -> Measured:

@@ -15,10 +15,12 @@ from envpred.metrics.about import About
 from envpred.report.comparable import ROUNDING, check_comparable
 from envpred.report.run import FloatArray, Measured, Run
 from envpred.report.statistics import drive_errors
+from envpred.results.names import input_name, method_name
 from envpred.results.result import AGAIN, RESULT, read_result
 
 Found = TypeVar("Found")
 NAMED = 4  # folders that a line names before it counts the others
+FEW = 2  # hyperparameters that a label tells
 
 
 def read_runs(paths: Sequence[Path], same_inputs: bool = True) -> list[Run]:
@@ -70,9 +72,9 @@ def read_run(file: Path) -> Run:
     if "mse" not in metrics or metrics["mse"].per_window is None:
         raise UserError(f"{file}: incomplete, no mean squared error per window; {AGAIN}")
     name, role, variant = record["model"]["name"], record["role"], record["variant"]
-    label = f"{name} ({variant})" + (", untrained" if record["model"].get("untrained") else "")
+    method = method_name(record["model"], role, variant)
     bins = _diagram(file, record["metrics"].get("reliability"), len(horizon_s))
-    return Run(file, label, name, role, variant, horizon_s, metrics, bins, data, record)
+    return Run(file, method, method, name, role, variant, horizon_s, metrics, bins, data, record)
 
 
 def found_in(folders: Sequence[Path], look: Callable[[Path], Found | None], what: str, remedy: str) -> list[Found]:
@@ -141,15 +143,38 @@ def _diagram(file: Path, value: dict[str, Any] | None, horizons: int) -> dict[st
     return {key: _array(getattr(found, key)) for key in ("forecast", "occupied", "count")}
 
 
-def with_distinct_labels(runs: list[Run]) -> list[Run]:
-    """Runs of the same label are told apart by seed, then by folder, then by number."""
-    for describe in (lambda run: f"seed {run.record.get('seed')}", lambda run: run.file.parent.name):
-        labels = [run.label for run in runs]
-        runs = [
-            replace(run, label=f"{run.label}, {describe(run)}") if labels.count(run.label) > 1 else run for run in runs
-        ]
-    labels = [run.label for run in runs]
+def with_distinct_labels(runs: Sequence[Run]) -> list[Run]:
+    """Runs labelled by their methods; those of one method by what differs, else by seed, by folder, then by number."""
+    labelled = [replace(run, label=run.method) for run in runs]
+    for describe in (_differing, _seeds, _folders):
+        for label in dict.fromkeys(run.label for run in labelled):
+            alike = [n for n, run in enumerate(labelled) if run.label == label]
+            if len(alike) > 1:
+                for n, words in zip(alike, describe([labelled[n] for n in alike]), strict=True):
+                    labelled[n] = replace(labelled[n], label=f"{label}, {words}" if words else label)
+    labels = [run.label for run in labelled]
     return [
         replace(run, label=f"{run.label}, {n + 1}") if labels.count(run.label) > 1 else run
-        for n, run in enumerate(runs)
+        for n, run in enumerate(labelled)
     ]
+
+
+def _differing(runs: Sequence[Run]) -> list[str]:
+    """The input and the few hyperparameters in which runs of one method differ, if it is few."""
+    inputs = [input_name(run.variant) for run in runs]
+    told = [run.record["model"]["hyperparameters"] for run in runs]
+    keys = {key for values in told for key in values.keys() - {"variant", "seed"}}
+    differing = sorted(key for key in keys if any(values.get(key) != told[0].get(key) for values in told))
+    found = [[] if len(set(inputs)) == 1 else [name] for name in inputs]
+    if len(differing) <= FEW:
+        for words, values in zip(found, told, strict=True):
+            words += [f"{key.replace('_', ' ')} {values.get(key)}" for key in differing]
+    return [", ".join(words) for words in found]
+
+
+def _seeds(runs: Sequence[Run]) -> list[str]:
+    return [f"seed {run.record.get('seed')}" for run in runs]
+
+
+def _folders(runs: Sequence[Run]) -> list[str]:
+    return [run.file.parent.name for run in runs]

@@ -33,7 +33,7 @@ def groups(runs: Sequence[Run]) -> list[list[Run]]:
 def average_seeds(runs: Sequence[Run]) -> list[Run]:
     """Each group of `groups` as one run: means over seeds of what was measured in each window.
 
-    Its file is that of the first, and its label says of how many.
+    Its file is that of the first, and it knows of how many.
     """
     return with_distinct_labels([_averaged(group) if len(group) > 1 else group[0] for group in groups(runs)])
 
@@ -49,7 +49,7 @@ def seeds_table(runs: Sequence[Run]) -> Table | None:
         seeds = ", ".join(str(run.record.get("seed")) for run in group)
         mean, spread = means.mean(axis=0), means.std(axis=0, ddof=1)
         cells = [cell for h in columns for cell in (Cell(value=mean[h]), Cell(value=spread[h], digits=2))]
-        rows.append([Cell(_label(group)), Cell(seeds), *cells])
+        rows.append([Cell(group[0].method), Cell(seeds), *cells])
     caption = (
         f"MSE {UNIT} of {measured_on(runs[0])}: mean of the seeds and standard deviation between them. Elsewhere a "
         "method is the mean of its seeds, window by window: that of several trainings, not of a forecaster that "
@@ -72,11 +72,6 @@ def _method(run: Run) -> str:
     return json.dumps(told, sort_keys=True, default=str)
 
 
-def _label(group: Sequence[Run]) -> str:
-    name, variant = group[0].name, group[0].variant
-    return f"{name} ({variant}), {len(group)} seeds"
-
-
 def _averaged(group: Sequence[Run]) -> Run:
     """One run of several that differ in their seed."""
     first = group[0]
@@ -87,7 +82,7 @@ def _averaged(group: Sequence[Run]) -> Run:
         reliability = {
             key: _nanmean([run.reliability[key] for run in group if run.reliability is not None]) for key in reliability
         }
-    return replace(first, label=_label(group), metrics=metrics, reliability=reliability)
+    return replace(first, seeds=len(group), metrics=metrics, reliability=reliability)
 
 
 def _mean(several: Sequence[Measured], drives: Sequence[str]) -> Measured:

@@ -22,10 +22,14 @@ LATEX_SPECIAL = {
         "↑": r"$\uparrow$",
         "↓": r"$\downarrow$",
         "–": "--",
+        **{"<": "$<$", ">": "$>$", "|": r"\textbar{}", "≥": r"$\geq$", "→": r"$\to$", "°": r"\textdegree{}"},
     },
 }
 RAISED = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
 SUPERSCRIPTS = re.compile("([⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+)")
+MINUS = re.compile(r"(?<![\w$])-(?=\d)")
+# Letters of a row that one column of a paper holds, and those of a cell that is broken into lines.
+ONE_COLUMN, LONG_CELL = 52, 34
 
 
 @dataclass(frozen=True)
@@ -67,21 +71,34 @@ class Cell:
 
 @dataclass(frozen=True)
 class Table:
-    """`rows` under `columns`; `caption` says what a reader must know, `name` is its file's."""
+    """`rows` under `columns`; `caption` says what a reader must know, `name` is its file's.
+
+    A rule parts off the rows from each of `panels` on, whose numbers are of something else than those above.  A single
+    row is no table: it is written as a sentence.
+    """
 
     name: str
     title: str
     caption: str
     columns: Sequence[str]
     rows: Sequence[Sequence[Cell]]
+    panels: Sequence[int] = ()
 
     def __post_init__(self) -> None:
         wrong = [len(row) for row in self.rows if len(row) != len(self.columns)]
         if wrong:
             raise ValueError(f"table {self.name} has {len(self.columns)} columns, but rows of {wrong} cells")
 
+    def sentence(self) -> str:
+        """The only row in words: what its first column says, then each title with its cell."""
+        ((first, *cells),) = self.rows
+        told = "; ".join(f"{title} {cell.plain()}" for title, cell in zip(self.columns[1:], cells, strict=True))
+        return f"{first.plain()}: {told}."
+
     def markdown(self) -> str:
         """The table as GitHub draws it."""
+        if len(self.rows) == 1:
+            return f"### {self.title}\n\n{self.sentence()}\n\n{self.caption}\n"
 
         def cell(c: Cell) -> str:
             text = c.plain().replace("|", "\\|").replace("*", "\\*")
@@ -113,26 +130,44 @@ class Table:
         return out.getvalue()
 
     def latex(self) -> str:
-        """The table as a LaTeX `table` with booktabs rules."""
+        """The table as a LaTeX `table` with booktabs rules, over both columns of a paper if it is too wide for one."""
+        if len(self.rows) == 1:
+            said = latex_text(f"{self.sentence()} {self.caption}")
+            return f"\\paragraph{{{latex_text(self.title)}.}} {said}\n"
 
         def cell(c: Cell) -> str:
-            text = latex_text(c.plain())
+            text = MINUS.sub("$-$", latex_text(c.plain())) if c.plain()[:1] in "+-0123456789" else latex_text(c.plain())
             return rf"\textbf{{{text}}}" if c.bold else text
 
-        lines = [" & ".join(latex_text(title) for title in self.columns) + r" \\", r"\midrule"]
-        lines += [" & ".join(cell(c) for c in row) + r" \\" for row in self.rows]
+        lines = [" & ".join(latex_text(title) for title in self.columns) + r" \\"]
+        for n, row in enumerate(self.rows):
+            lines += [r"\midrule"] * (n == 0 or n in self.panels)
+            lines.append(" & ".join(cell(c) for c in row) + r" \\")
         body = "\n".join(lines)
+        widths = [
+            max([len(title), *(len(row[k].plain()) for row in self.rows)]) for k, title in enumerate(self.columns)
+        ]
+        kinds = [
+            r"p{0.16\textwidth}" if width > LONG_CELL else "r" if number else "l"
+            for width, number in zip(widths, self._numbers(), strict=True)
+        ]
+        star = "*" * (sum(min(width, LONG_CELL) for width in widths) > ONE_COLUMN)
         return (
-            "\\begin{table}\n\\centering\n"
+            f"\\begin{{table{star}}}\n\\centering\n\\footnotesize\n\\setlength{{\\tabcolsep}}{{3pt}}\n"
             f"\\caption{{{latex_text(self.title)}. {latex_text(self.caption)}}}\n"
-            f"\\begin{{tabular}}{{l{'r' * (len(self.columns) - 1)}}}\n\\toprule\n{body}\n\\bottomrule\n"
-            "\\end{tabular}\n\\end{table}\n"
+            f"\\begin{{tabular}}{{{''.join(kinds)}}}\n\\toprule\n{body}\n\\bottomrule\n"
+            f"\\end{{tabular}}\n\\end{{table{star}}}\n"
         )
+
+    def _numbers(self) -> list[bool]:
+        """Which columns hold numbers."""
+        return [any(row[k].value is not None for row in self.rows) for k in range(len(self.columns))]
 
     def html(self) -> str:
         """The table as HTML, numbers to the right."""
-
-        numbers = [any(row[k].value is not None for row in self.rows) for k in range(len(self.columns))]
+        if len(self.rows) == 1:
+            return f"<p>{html.escape(self.sentence())}</p>\n<p class='caption'>{html.escape(self.caption)}</p>"
+        numbers = self._numbers()
         head = "".join(
             f"<th{' class=number' if number else ''}>{html.escape(title)}</th>"
             for title, number in zip(self.columns, numbers, strict=True)
@@ -143,8 +178,10 @@ class Table:
             return f"<td{' class=number' if number else ''}>{f'<b>{text}</b>' if c.bold else text}</td>"
 
         rows = "\n".join(
-            "<tr>" + "".join(cell(c, number) for c, number in zip(row, numbers, strict=True)) + "</tr>"
-            for row in self.rows
+            f"<tr{' class=panel' * (n in self.panels)}>"
+            + "".join(cell(c, number) for c, number in zip(row, numbers, strict=True))
+            + "</tr>"
+            for n, row in enumerate(self.rows)
         )
         return (
             f'<div class="wide"><table id="{html.escape(self.name)}"><thead><tr>{head}</tr></thead>\n'

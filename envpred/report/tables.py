@@ -9,10 +9,11 @@ import numpy as np
 from envpred.horizons import SHOWN_S, in_seconds
 from envpred.metrics.about import About
 from envpred.report.contrasts import AGAINST_STATIC, planned
-from envpred.report.published import SOURCE, STATIC, table_1
+from envpred.report.published import SOURCE, table_1
 from envpred.report.run import Measured, Run
 from envpred.report.statistics import LEAST_DRIVES, LEVEL, Comparison, Contrast, compare
 from envpred.report.table import Cell, Table
+from envpred.results.names import LEARNED, STATIC, method_name
 
 UNIT, FACTOR = "× 10⁻³", 1e3  # in which squared errors are written, ours and the paper's
 MSE, STATIC_MSE = "mse", "static_mse"  # keys of squared error in a result, which these tables are about
@@ -100,8 +101,7 @@ def error_table(
     title: str,
     values: Mapping[str, Measured],
     compared: Sequence[Comparison],
-    run: Run,
-    read_future: Collection[str] = frozenset(),
+    runs: Sequence[Run],
 ) -> Table:
     """Squared error with standard errors; the best of a horizon bold, a star on what is surely better than static.
 
@@ -110,9 +110,9 @@ def error_table(
         title: of the table.
         values: squared error by label.
         compared: the planned comparisons.
-        run: any of the runs, for the horizons and the drives.
-        read_future: labels of the oracles, which are marked and never the best.
+        runs: that are compared; oracles among them are marked and never the best.
     """
+    run, read_future = runs[0], oracles(runs)
     columns = shown_columns(run)
     better = {
         (c.contrast.first, c.horizon)
@@ -130,12 +130,18 @@ def error_table(
             cells.append(replace(measured_cell(measured, h), bold=bold, mark=" *" * ((label, h) in better)))
         rows.append(cells)
     caption = f"MSE of the probability of occupied {UNIT} {errors_note(run)} Lower is better, best bold."
-    caption += rewards_note(run.mse.about)
+    caption += rewards_note(run.mse.about) + seeds_note([run for run in runs if run.label in values])
     if any(c.contrast.question == AGAINST_STATIC for c in compared):
         caption += " * Better than the static baseline: see the planned comparisons." * bool(better)
         caption += few_drives_note(run)
     caption += oracle_note([label for label in values if label in read_future])
     return Table(name, title, caption, ["method", *heads(run)], rows)
+
+
+def seeds_note(runs: Sequence[Run]) -> str:
+    """Which of the runs are means of several seeds, if any are."""
+    several = [f"{run.label} ({run.seeds})" for run in runs if run.seeds > 1]
+    return f" Mean over seeds: {', '.join(several)}." if several else ""
 
 
 def few_drives_note(run: Run) -> str:
@@ -156,25 +162,28 @@ def _or_inf(value: float) -> float:
 def variants_table(runs: Sequence[Run], compared: Sequence[Comparison]) -> Table | None:
     """Table I: PredNet with each input variant."""
     chosen = {run.label: run.mse for run in runs if run.name == PREDNET}
-    if not chosen:
+    if len(chosen) < 2:  # it stands among the methods
         return None
-    return error_table("table_1", "Table I: PredNet by input variant", chosen, compared, runs[0], oracles(runs))
+    return error_table("table_1", "PredNet by input variant", chosen, compared, runs)
 
 
 def methods_table(runs: Sequence[Run], compared: Sequence[Comparison]) -> Table:
     """All methods; `compared` are the `comparisons` of the runs."""
-    return error_table("methods", "All methods", methods(runs), compared, runs[0], oracles(runs))
+    return error_table("methods", "All methods", methods(runs), compared, runs)
 
 
 def published_table() -> Table:
     """The paper's Table I, as published."""
     rows = [
         [
-            Cell(f"PredNet ({variant})"),
+            Cell(method_name({"name": PREDNET}, LEARNED, variant)),
             *(Cell(value=FACTOR * m, error=FACTOR * e) for m, e in zip(row.mean, row.standard_error, strict=True)),
         ]
         for variant, row in table_1().items()
     ]
-    caption = f"MSE {UNIT} ± standard error; {SOURCE}. Not measured here: other grids, other windows."
+    caption = (
+        f"MSE {UNIT} ± standard error over windows; {SOURCE}. Not measured here: other grids, other windows, so "
+        "compare orders and ratios with ours, not levels."
+    )
     titles = ["method", *map(in_seconds, SHOWN_S)]
     return Table("published_table_1", "The paper's Table I, as published", caption, titles, rows)

@@ -19,6 +19,7 @@ from envpred.gate import ArraySchema, read_array, read_json
 from envpred.gate.runs import PredictionsManifest
 from envpred.mapping.evidence import pignistic
 from envpred.mapping.geometry import heading_of
+from envpred.results.names import method_name
 from envpred.results.scenes import Scene
 from envpred.store import MANIFEST, Store, StoredDrive
 from envpred.store.files import inside
@@ -88,8 +89,8 @@ class Predictions:
 
     @property
     def label(self) -> str:
-        """Model and variant."""
-        return f"{self.manifest['model']['name']} ({self.manifest['variant']})"
+        """What the method is called."""
+        return method_name(self.manifest["model"], self.manifest["role"], self.manifest["variant"])
 
     def forecast(self, k: int) -> NDArray[np.float32]:
         """Probability of occupied (horizons, H, W) of window `k`.

@@ -83,7 +83,7 @@ def test_the_manifest_places_every_window(gaps: Path, tmp_path: Path) -> None:
     assert (manifest["given"], manifest["variant"], manifest["dtype"]) == (3, "dst_static", "float32")
     assert manifest["model"]["name"] == "last_frame"
     assert {"revision", "command", "checkpoint", "seed", "what"} <= set(manifest)
-    assert found.label == "last_frame (dst_static)"
+    assert found.label == "Static"
 
 
 def test_halves_are_close(gaps: Path, tmp_path: Path) -> None:

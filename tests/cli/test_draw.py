@@ -58,10 +58,12 @@ def test_a_strip_of_two_methods_with_targets(folders: Folders, store: Path, tmp_
     assert line == f"{out}: {DRIVE}, frame 5"
     with_targets = Image.open(out).size
     assert (86, 180, 233) in colours(out)  # the ego is circled
+    draw([folders["static"], folders["moved"]], out, 3, store, circles=False)
+    assert (86, 180, 233) not in colours(out)
     draw([folders["static"], folders["moved"]], out, 3)
     without = Image.open(out).size
-    assert without[0] < with_targets[0]  # the column of what was seen
-    assert without[1] < with_targets[1]  # the row of targets
+    assert without[0] == with_targets[0]  # whatever the columns
+    assert without[1] != with_targets[1]  # one row and one column less: no targets, and nothing that was seen
     draw([folders["static"]], out, 3, horizons=[0.2, 0.4])
     assert Image.open(out).size[0] == without[0]  # two columns, as before: 0.1 s and 0.5 s
     assert Image.open(out).size[1] < without[1]

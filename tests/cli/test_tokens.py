@@ -43,6 +43,13 @@ def test_what_people_write_becomes_what_parsers_take(given: list[str], expected:
     assert plain(given, KNOWN, COMPLETE) == expected
 
 
+def test_what_may_be_given_several_times_adds_up() -> None:
+    given = ["a", "--label", "a=Ours, big", "--force", "--label=b=0005", "--out", "x"]
+    known = [*KNOWN, Option("label", "list[str]", "[]", "")]
+    expected = ["a", "--force=true", "--out=x", "--label=['a=Ours, big', b=0005]"]
+    assert plain(given, known, COMPLETE, ("label",)) == expected
+
+
 def test_a_configuration_that_ships_goes_by_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     assert plain(["--config", "prednet_small"], [], COMPLETE) == [f"--config={names('model')['prednet_small']}"]

@@ -215,7 +215,7 @@ def test_a_report_of_all_variants_shows_them_on_the_same_windows(store: Path) ->
     runs = [str(file.parent) for file in sorted(Path("runs").rglob(RESULT))]
     main(["draw", *runs, "--window=1", "--out", "runs.gif"])  # test runs, from the forecasts that they kept
     assert Path("runs.gif").stat().st_size > 10_000
-    for label in ("last_frame (dst_static)", "last_frame (dst_dogma)", "particle_forecast (dst_static)"):
+    for label in ("Static, DST static", "Static, DST DOGMa", "Particle filter"):
         assert label in page
     assert {"window_0.png", "window_0.gif", "window_1.png"} <= {file.name for file in Path("report").iterdir()}
 

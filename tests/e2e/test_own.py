@@ -58,7 +58,7 @@ def test_a_forecaster_of_ones_own_goes_all_the_way(folder: Path, store: Path) ->
     assert set(told["data"]["input_hash"]) == {"velocity", "context_label", "context_evidence"}
     (static,) = (folder / "runs" / "test" / "last_frame").rglob(RESULT)
     main(["report", str(result), str(static), "--out", "report"])
-    assert "context (dst_static)" in (folder / "report" / "methods.md").read_text()
+    assert "Context, DST static" in (folder / "report" / "methods.md").read_text()
     (manifest,) = (folder / "runs" / "predict").rglob("manifest.json")
     main(["draw", str(manifest.parent), "--store", str(store), "--out", "strip.png"])
     assert (folder / "strip.png").stat().st_size > 1000

@@ -33,7 +33,7 @@ def test_rows_and_their_scales() -> None:
     assert [ax.get_title() for ax in fig.axes if ax.get_title()] == ["0.1 s", "0.5 s"]
     assert [ax.get_ylabel() for ax in fig.axes if ax.get_ylabel()] == [
         *(f"{name}\nnorth (m)" for name in ("world", "rendered", "corrected - rendered", "forecast - target")),
-        *("probability of a hit", "probability of occupied", "correction", "error"),
+        *("probability of a hit", "probability of\noccupied", "correction", "error"),
     ]
     images = [ax.images[0] for ax in fig.axes[:8]]
     assert [image.get_clim() for image in images[::2]] == [(0, 1), (0, 1), (-0.3, 0.3), (-1, 1)]
@@ -67,5 +67,5 @@ def test_without_a_network_there_is_no_correction() -> None:
     found = replace(found, oracles=frozenset(found.forecasts))
     fig = rollout_strip(found, world(), found.target[:8])
     assert "correction" not in [ax.get_ylabel() for ax in fig.axes]
-    assert [text.get_text() for ax in fig.axes for text in ax.texts] == ["oracle: reads the future"]
+    assert [text.get_text() for ax in fig.axes for text in ax.texts] == ["reads the future"]
     assert fig.axes[4].get_xlabel().startswith("MSE 0.0000")

@@ -52,16 +52,22 @@ def test_contrasts_are_the_questions_asked_beforehand(make_run: MakeRun) -> None
         return [(c.first, c.second) for c in found if c.question == question]
 
     learned = [run.label for run in runs if run.role == "learned"]
-    moved, rollout = "moved_last_frame (prob_static)", "rollout (dst_static)"
-    assert asked(AGAINST_STATIC) == [(label, "last_frame (dst_static)") for label in (*learned, moved, rollout)]
+    moved, rollout = "Moved last frame", "Rollout"
+    assert asked(AGAINST_STATIC) == [(label, "Static") for label in (*learned, moved, rollout)]
     assert asked(AGAINST_MOVED) == [(label, moved) for label in (*learned, rollout)]
     assert asked(AGAINST_ROLLOUT) == [(label, rollout) for label in learned]
-    assert asked(EVIDENCE) == [(two, "prednet (prob_static)"), ("prednet (dst_dogma)", "prednet (prob_dogma)")]
-    assert asked(VELOCITIES) == [(two, "prednet (dst_dogma)"), ("prednet (prob_static)", "prednet (prob_dogma)")]
+    assert asked(EVIDENCE) == [
+        (two, "PredNet, probability static"),
+        ("PredNet, DST DOGMa", "PredNet, probability DOGMa"),
+    ]
+    assert asked(VELOCITIES) == [
+        (two, "PredNet, DST DOGMa"),
+        ("PredNet, probability static", "PredNet, probability DOGMa"),
+    ]
     assert asked(STAGES) == [(one, two)]
     assert other not in {c.second for c in found}
 
 
 def test_one_run_is_compared_with_the_static_baseline_that_it_measured(make_run: MakeRun) -> None:
     (run,) = read_runs([make_run()])
-    assert [(c.first, c.second) for c in planned([run])] == [(run.label, "static")]
+    assert [(c.first, c.second) for c in planned([run])] == [(run.label, "Static")]

@@ -34,13 +34,12 @@ class Bias(HorizonMetric):
 def test_a_metric_that_the_report_has_never_heard_of_is_shown(make_run: MakeRun, tmp_path: Path) -> None:
     values = np.linspace(0.01, 0.03, 15) + np.zeros((30, 1))
     with_bias = make_run(change=lambda record: record["metrics"].update(bias=measured(values, Bias)))
-    page = report([with_bias, make_run(FCNForecaster, "prob_dogma")], tmp_path / "out").read_text()
+    page = report([with_bias, make_run(FCNForecaster, "prob_dogma")], tmp_path / "out").read_text(encoding="utf-8")
     assert "<h3>Bias (%) (best: 0)</h3>" in page
-    rows = (tmp_path / "out" / "bias.md").read_text().splitlines()
+    rows = (tmp_path / "out" / "bias.md").read_text(encoding="utf-8").splitlines()
     assert rows[2:] == [
-        "| method | 0.1 s | 0.5 s | 1.0 s | 1.5 s |",
-        "|---|---|---|---|---|",
-        "| prednet (dst_static) | 1.00 ± 0.00 (0.00) | 1.57 ± 0.00 (0.00) | 2.29 ± 0.00 (0.00) | 3.00 ± 0.00 (0.00) |",
+        "PredNet, DST static: 0.1 s 1.00 ± 0.00 (0.00); 0.5 s 1.57 ± 0.00 (0.00); 1.0 s 2.29 ± 0.00 (0.00); "
+        "1.5 s 3.00 ± 0.00 (0.00).",
         "",
         "Value ± standard error over drives (in brackets over windows, as if they were independent); 30 windows of 10 "
         "drives. Undefined windows do not count. Rewards errors that cancel.",
@@ -81,7 +80,7 @@ def test_other_tables_pairs_and_models(all_runs: list[Path]) -> None:
     assert len(found) == 7 + 6 + 2 + 2
     assert len(table.rows) == 4 * len(found)
     first = table.rows[0]
-    assert [cell.text for cell in first[1:4]] == ["prednet (dst_static)", "static", "0.1 s"]
+    assert [cell.text for cell in first[1:4]] == ["PredNet, DST static", "Static", "0.1 s"]
     low, difference, high = first[5].value, first[4].value, first[6].value
     assert low is not None
     assert high is not None
@@ -91,7 +90,7 @@ def test_other_tables_pairs_and_models(all_runs: list[Path]) -> None:
     assert "30 windows of 10 drives" in table.caption
     models = models_table(runs, all_runs[0].parent / "report")
     assert [cell.plain() for cell in models.rows[0]] == [
-        "prednet (dst_static)",
+        "PredNet, DST static",
         "learned",
         "123,456",
         "25.00",
@@ -112,8 +111,8 @@ def test_oracles_are_marked_wherever_they_stand(make_run: MakeRun, tmp_path: Pat
 
     report([make_run(), make_run(MovedLastFrameOracle, "dst_static", 0.01, change=renamed)], tmp_path / "out")
     for table in ("methods", "ratios", "iou", "skill", "models"):
-        text = (tmp_path / "out" / f"{table}.md").read_text()
-        assert "| clairvoyant (dst_static) † |" in text, table
-        assert "prednet (dst_static) †" not in text
+        text = (tmp_path / "out" / f"{table}.md").read_text(encoding="utf-8")
+        assert "| Clairvoyant † |" in text, table
+        assert "PredNet, DST static †" not in text
         assert text.count("† An oracle reads the future: it is a bound") == 1
-    assert r"$\dagger$" in (tmp_path / "out" / "methods.tex").read_text()
+    assert r"$\dagger$" in (tmp_path / "out" / "methods.tex").read_text(encoding="utf-8")

@@ -56,12 +56,12 @@ def test_spread_and_best_beside_the_mean(folders: list[Path]) -> None:
     assert table is not None
     plain = [[cell.plain() for cell in row] for row in table.rows]
     assert plain[0] == [
-        "prednet (dst_static)",
+        "PredNet, DST static",
         *("1.00 ± 0.10", "0.97 ± 0.10", "0.94 ± 0.09", "0.90 ± 0.09"),
         *["0.50 ± 0.00 (0.00)"] * 4,
     ]
-    assert plain[1] == ["fcn (prob_dogma)", *["–"] * 4, *["1.00 ± 0.00 (0.00)"] * 4]
-    assert plain[2] == ["prednet (dst_dogma)", *["–"] * 8]
+    assert plain[1] == ["FCN, probability DOGMa", *["–"] * 4, *["1.00 ± 0.00 (0.00)"] * 4]
+    assert plain[2] == ["PredNet, DST DOGMa", *["–"] * 8]
     assert table.columns[-1] == "best of 16 / mean, 1.5 s"
 
 
@@ -73,9 +73,9 @@ def test_kinds_of_cells(folders: list[Path]) -> None:
     assert {cells for cells, _ in by_cells} == {"all", *KINDS}
     assert len(by_cells) == 3 * (1 + len(KINDS))
     mean = 1e3 * runs[0].mse.mean[14]
-    assert by_cells["all", "prednet (dst_static)"][:3] == [f"{mean:.1f}", f"{mean / 2:.1f}", "0.90"]
-    assert by_cells["moving", "prednet (dst_static)"] == ["–", "–", "0.45", "–", f"{3e-3 * mean:.3f}", "–"]
-    assert by_cells["entering", "fcn (prob_dogma)"] == ["–"] * 6
+    assert by_cells["all", "PredNet, DST static"][:3] == [f"{mean:.1f}", f"{mean / 2:.1f}", "0.90"]
+    assert by_cells["moving", "PredNet, DST static"] == ["–", "–", "0.45", "–", f"{3e-3 * mean:.3f}", "–"]
+    assert by_cells["entering", "FCN, probability DOGMa"] == ["–"] * 6
 
 
 def test_a_metric_and_its_kinds_of_cells_share_a_table(folders: list[Path]) -> None:
@@ -83,8 +83,8 @@ def test_a_metric_and_its_kinds_of_cells_share_a_table(folders: list[Path]) -> N
     tables = {table.name: table for table in metric_tables(runs)}
     assert not [name for name in tables if name.endswith("_moving_cells")]
     assert [row[0].text for row in tables["brier"].rows] == [
-        "prednet (dst_static)",
-        "prednet (dst_static), moving cells",
+        "PredNet, DST static",
+        "PredNet, DST static, moving cells",
     ]
     assert tables["brier"].rows[1][4].value == pytest.approx(3 * np.mean(per_window(0.04, 0)[:, 14]))
     assert tables["brier"].title == "Brier score ↓"

@@ -1,5 +1,6 @@
 """The page of the paper's results."""
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -40,10 +41,8 @@ def test_every_claim_of_the_paper_is_asked(results: list[Path]) -> None:
     questions = {c.contrast.question for c in compared(runs)}
     assert questions >= set(CLAIMS)
     fcn = [c.second for c in contrasts(runs) if c.question == AGAINST_FCN]
-    assert fcn == ["fcn (prob_dogma)"] * 4
-    assert [c.second for c in contrasts(runs) if c.question == AGAINST_PARTICLE] == [
-        "particle_forecast (dst_dogma)"
-    ] * 4
+    assert fcn == ["FCN, probability DOGMa"] * 4
+    assert [c.second for c in contrasts(runs) if c.question == AGAINST_PARTICLE] == ["Particle filter"] * 4
 
 
 def test_conclusions_hold_stand_open_or_are_contrary(results: list[Path]) -> None:
@@ -52,13 +51,15 @@ def test_conclusions_hold_stand_open_or_are_contrary(results: list[Path]) -> Non
     said = {(row[0].text, row[1].text): row[-1].text for row in table.rows}
     assert len(table.rows) == 4 * 3 + 2 + 2
     (against_static, _), (against_fcn, _) = CLAIMS["better than the static baseline?"], CLAIMS[AGAINST_FCN]
-    assert said[against_static, "prednet (dst_dogma) - last_frame (dst_static)"].endswith("] holds")
-    assert said[against_fcn, "prednet (dst_dogma) - fcn (prob_dogma)"].endswith("] contrary")
+    assert said[against_static, "PredNet, DST DOGMa - Static"].endswith("] holds")
+    assert said[against_fcn, "PredNet, DST DOGMa - FCN, probability DOGMa"].endswith("] contrary")
     (evidence, _) = CLAIMS["evidence (DST) against probability"]
-    assert said[evidence, "prednet (dst_static) - prednet (prob_static)"].endswith("] open")  # levels .0520 and .0521
+    assert said[evidence, "PredNet, DST static - PredNet, probability static"].endswith(
+        "] open"
+    )  # levels .0520 and .0521
     (velocities, sign) = CLAIMS["static grids against DOGMas"]
     assert sign == 1  # static less DOGMa: positive where velocities help
-    assert said[velocities, "prednet (dst_static) - prednet (dst_dogma)"].endswith("] holds")
+    assert said[velocities, "PredNet, DST static - PredNet, DST DOGMa"].endswith("] holds")
 
 
 def test_two_drives_leave_all_open(results: list[Path], make_run: MakeRun) -> None:
@@ -75,7 +76,7 @@ def test_page_has_all_parts_and_names_the_runs(results: list[Path], tmp_path: Pa
     picture = tmp_path / "ground.png"
     picture.write_bytes(b"picture")
     page = paper_page(results, tmp_path / "out", {"ground": (picture, "Two methods.")}, {}, ["Made <here>."])
-    text = page.read_text()
+    text = page.read_text(encoding="utf-8")
     for heading in (
         "Table I: PredNet",
         "Error over the horizon",
@@ -85,7 +86,14 @@ def test_page_has_all_parts_and_names_the_runs(results: list[Path], tmp_path: Pa
         "All methods",
     ):
         assert heading in text
+    headings = re.findall(r"<h[123]>(.*?)</h[123]>", text)
+    assert len(set(headings)) == len(headings)
+    assert not [head for head in headings if any(head != other and head in other for other in headings)]
     assert "Made &lt;here&gt;." in text
+    assert "what moves is circled" in text
+    assert "what moves is circled" not in paper_page(results, tmp_path / "plain", {}, {}, [], circles=False).read_text(
+        encoding="utf-8"
+    )
     assert "Dynamic occupancy grid map" not in text  # no such figure was given
     assert "published: Itkina et al. 2019" in text
     for result in results:

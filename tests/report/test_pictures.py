@@ -27,7 +27,7 @@ def test_velocities_of_a_test_run_reach_the_report(tmp_path: Path) -> None:
     run = trainer(tmp_path / "run", callbacks=[Pictures()])
     run.test(LastFrame("prob_dogma", 3), datamodule=data, verbose=False)
     page = report([tmp_path / "run"], tmp_path / "out").read_text()
-    captions = re.findall(r"<figcaption>last_frame \(prob_dogma\): (.*?)</figcaption>", page)
+    captions = re.findall(r"<figcaption>Static: (.*?)</figcaption>", page)
     assert captions == [f"window {n} {kind}" for n in (0, 1) for kind in ("errors", "velocity")]
     scene, _ = compared_scenes(read_runs([tmp_path / "run"]))
     assert (scene.resolution, scene.period) == pytest.approx((1 / 3, 0.1))
@@ -38,8 +38,8 @@ def test_oracles_are_known_in_the_windows_that_are_compared(make_run: MakeRun) -
     for folder in runs:
         draw_windows(folder)
     for scene in compared_scenes(read_runs(runs)):
-        assert list(scene.forecasts) == ["prednet (dst_static)", "moved_last_frame_oracle (dst_static)", "static"]
-        assert scene.oracles == {"moved_last_frame_oracle (dst_static)"}
+        assert list(scene.forecasts) == ["PredNet, DST static", "Last frame, true motion", "Static"]
+        assert scene.oracles == {"Last frame, true motion"}
 
 
 @pytest.mark.parametrize("told", [{"pictures": {"window_0": "../private.png"}}, {"drawn": "../../drawn.npz"}])

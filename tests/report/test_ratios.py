@@ -18,17 +18,17 @@ def test_ratios_beside_the_papers(all_runs: list[Path]) -> None:
     table = ratio_table(runs)
     assert table is not None
     by_label = {row[0].text: row[1:] for row in table.rows}
-    ours = by_label["prednet (dst_dogma)"][3].value
+    ours = by_label["PredNet, DST DOGMa"][3].value
     expected = runs[1].mse.mean[14] / runs[1].metrics["static_mse"].mean[14]
     assert ours == pytest.approx(expected)
     # The ratios that the paper's numbers give.
     for label, ratios in (
-        ("prednet (dst_dogma)", (0.42, 0.39, 0.48, 0.56)),
-        ("fcn (prob_dogma)", (0.86, 0.77, 0.78, 0.82)),
-        ("particle_forecast (dst_dogma)", (2.32, 1.38, 1.26, 1.21)),
+        ("PredNet, DST DOGMa", (0.42, 0.39, 0.48, 0.56)),
+        ("FCN, probability DOGMa", (0.86, 0.77, 0.78, 0.82)),
+        ("Particle filter", (2.32, 1.38, 1.26, 1.21)),
     ):
         assert [cell.value for cell in by_label[label][4:]] == pytest.approx(ratios, abs=0.01)
-    assert {cell.plain() for cell in by_label["moved_last_frame (prob_static)"][4:]} == {"–"}
+    assert {cell.plain() for cell in by_label["Moved last frame"][4:]} == {"–"}
 
 
 @pytest.mark.parametrize("variant", ["dst_static", "prob_static", "dst_dogma"])
@@ -51,7 +51,7 @@ def test_ratios_to_the_moved_last_frame(all_runs: list[Path], make_run: MakeRun)
     runs = read_runs(all_runs)
     table = moved_ratio_table(runs)
     assert table is not None
-    assert "moved_last_frame (prob_static)" not in [row[0].text for row in table.rows]
+    assert "Moved last frame" not in [row[0].text for row in table.rows]
     (moved,) = (run for run in runs if run.role == "moved")
     assert table.rows[0][4].value == pytest.approx(runs[0].mse.mean[14] / moved.mse.mean[14])
     assert moved_ratio_table(read_runs([make_run()])) is None

@@ -25,7 +25,7 @@ Mend = Callable[[object], Path]
 def test_reads_files_folders_and_folders_of_folders(make_run: MakeRun) -> None:
     one, two = make_run(), make_run(FCNForecaster, "prob_dogma")
     for given in ([one, two], [one / "result.json", two / "result.json"], [one.parent], [one.parent, one]):
-        assert {run.label for run in read_runs(given)} == {"prednet (dst_static)", "fcn (prob_dogma)"}
+        assert {run.label for run in read_runs(given)} == {"PredNet, DST static", "FCN, probability DOGMa"}
     (run,) = read_runs([one])
     assert run.mse.mean.shape == (15,)
     assert run.mse.per_window is not None
@@ -37,7 +37,7 @@ def test_reads_files_folders_and_folders_of_folders(make_run: MakeRun) -> None:
 
 def test_same_method_twice_is_told_apart(make_run: MakeRun) -> None:
     labels = [run.label for run in read_runs([make_run(), make_run(change=lambda r: r.update(seed=7))])]
-    assert labels == ["prednet (dst_static), seed 3", "prednet (dst_static), seed 7"]
+    assert labels == ["PredNet, DST static, seed 3", "PredNet, DST static, seed 7"]
     same = [run.label for run in read_runs([make_run(), make_run()])]
     assert len(set(same)) == 2
 
@@ -154,7 +154,7 @@ def test_forecasts_judged_on_other_grids_are_refused(make_run: MakeRun, tmp_path
         k: replace(s, target=s.target - 0.1, forecasts={"fcn": s.forecasts["fcn"] - 0.1}) for k, s in scenes.items()
     }
     write_scenes(two / "drawn.npz", lower)
-    with pytest.raises(UserError, match=r"fcn \(prob_dogma\) was judged on other grids of drive_0, frame 4"):
+    with pytest.raises(UserError, match=r"FCN, probability DOGMa was judged on other grids of drive_0, frame 4"):
         report([one, two], tmp_path / "out")
 
 
@@ -250,4 +250,4 @@ def test_folders_without_a_result_are_left_out(
 
 def test_random_weights_are_called_untrained(make_run: MakeRun) -> None:
     (run,) = read_runs([make_run(change=lambda record: record["model"].update(untrained=True))])
-    assert run.label == "prednet (dst_static), untrained"
+    assert run.label == "PredNet, DST static, untrained"

@@ -29,7 +29,8 @@ def test_seeds_are_averaged_window_by_window(make_run: MakeRun) -> None:
     folders = [make_run(level=level, seed=n, change=seeded(n)) for n, level in enumerate(levels)]
     runs = read_runs([*folders, make_run(FCNForecaster, "prob_dogma", change=seeded(0))])
     first, fcn = average_seeds(runs)
-    assert (first.label, fcn.label) == ("prednet (dst_static), 3 seeds", "fcn (prob_dogma)")
+    assert (first.label, fcn.label) == ("PredNet, DST static", "FCN, probability DOGMa")
+    assert (first.seeds, fcn.seeds) == (3, 1)
     windows = [run.mse.per_window for run in runs[:3]]
     expected = np.mean([values for values in windows if values is not None], axis=0)
     assert first.mse.per_window is not None
@@ -73,10 +74,11 @@ def test_what_differs_otherwise_stays_apart(make_run: MakeRun) -> None:
 
 def test_the_report_shows_methods_and_every_run_behind_them(make_run: MakeRun, tmp_path: Path) -> None:
     report([make_run(seed=n, change=seeded(n)) for n in (1, 2)], tmp_path / "out")
-    methods = (tmp_path / "out" / "methods.md").read_text()
-    assert "prednet (dst_static), 2 seeds" in methods
+    methods = (tmp_path / "out" / "methods.md").read_text(encoding="utf-8")
+    assert "| PredNet, DST static |" in methods
+    assert "Mean over seeds: PredNet, DST static (2)." in methods
     assert "seed 1" not in methods
-    assert "1, 2" in (tmp_path / "out" / "seeds.md").read_text()
-    models = (tmp_path / "out" / "models.md").read_text()
-    assert "prednet (dst_static), seed 1" in models
-    assert "prednet (dst_static), seed 2" in models
+    assert "1, 2" in (tmp_path / "out" / "seeds.md").read_text(encoding="utf-8")
+    models = (tmp_path / "out" / "models.md").read_text(encoding="utf-8")
+    assert "PredNet, DST static, seed 1" in models
+    assert "PredNet, DST static, seed 2" in models

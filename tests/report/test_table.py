@@ -30,7 +30,7 @@ def test_written_forms() -> None:
         ["x", "", ""],
     ]
     assert r"\caption{50 \% \& more. a\_b}" in TABLE.latex()
-    assert r"a|b\_c & \textbf{1.2 $\pm$ 0.5} \\" in TABLE.latex()
+    assert r"a\textbar{}b\_c & \textbf{1.2 $\pm$ 0.5} \\" in TABLE.latex()
     assert r"\begin{tabular}{lr}" in TABLE.latex()
     assert "<td>a|b_c</td><td class=number><b>1.2 ± 0.5</b></td>" in TABLE.html()
     assert [Cell(value=p, digits=4, least=True).plain() for p in (2e-9, 0.0312)] == ["< 0.0001", "0.0312"]

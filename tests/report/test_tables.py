@@ -23,10 +23,10 @@ def test_table_1_has_the_best_bold_and_stars_what_beats_static(all_runs: list[Pa
     table = variants_table(runs, comparisons(runs))
     assert table is not None
     assert [row[0].text for row in table.rows] == [
-        "prednet (dst_static)",
-        "prednet (dst_dogma)",
-        "prednet (prob_static)",
-        "prednet (prob_dogma)",
+        "PredNet, DST static",
+        "PredNet, DST DOGMa",
+        "PredNet, probability static",
+        "PredNet, probability DOGMa",
     ]
     assert list(table.columns) == ["method", "0.1 s", "0.5 s", "1.0 s", "1.5 s"]
     for column in (1, 2, 3, 4):
@@ -68,13 +68,13 @@ def test_few_drives_have_no_star_and_the_caption_says_why(make_run: MakeRun, dri
 
 def test_static_stands_among_the_methods_once(make_run: MakeRun) -> None:
     runs = read_runs([make_run(), make_run(FCNForecaster, "prob_dogma")])
-    assert list(methods(runs)) == ["prednet (dst_static)", "fcn (prob_dogma)", "static"]
+    assert list(methods(runs)) == ["PredNet, DST static", "FCN, probability DOGMa", "Static"]
 
     def last_frame(record: dict[str, Any]) -> None:
         record["metrics"]["mse"] = record["metrics"]["static_mse"]
 
     runs = read_runs([make_run(), make_run(LastFrame, "dst_static", level=1.0, change=last_frame)])
-    assert list(methods(runs)) == ["prednet (dst_static)", "last_frame (dst_static)"]
+    assert list(methods(runs)) == ["PredNet, DST static", "Static"]
 
 
 def test_ties_are_both_best(make_run: MakeRun) -> None:
@@ -101,10 +101,10 @@ def test_roles_tell_what_a_run_is_and_names_do_not(make_run: MakeRun) -> None:
     honest = make_run(MovedLastFrame, "dst_static", level=0.05, change=named("no_oracle"))
     still = make_run(LastFrame, "dst_static", level=0.09, change=named("standstill"))
     runs = read_runs([bound, honest, still])
-    assert list(methods(runs)) == ["foresight (dst_static)", "no_oracle (dst_static)", "standstill (dst_static)"]
+    assert list(methods(runs)) == ["Foresight", "No oracle", "Standstill"]
     table = methods_table(runs, [])
     assert [row[0].text for row in table.rows] == [
-        *("foresight (dst_static) †", "no_oracle (dst_static)", "standstill (dst_static)"),
+        *("Foresight †", "No oracle", "Standstill"),
     ]
     assert [row[1].bold for row in table.rows] == [False, True, False]
     alone = methods_table(runs[:1], [])
@@ -114,9 +114,10 @@ def test_roles_tell_what_a_run_is_and_names_do_not(make_run: MakeRun) -> None:
 def test_table_1_holds_the_papers_model_alone(make_run: MakeRun) -> None:
     like = make_run(change=lambda record: record["model"].update(name="prednet_of_mine"))
     assert variants_table(read_runs([like]), []) is None
-    table = variants_table(read_runs([like, make_run()]), [])
+    assert variants_table(read_runs([like, make_run()]), []) is None  # one row is no table
+    table = variants_table(read_runs([like, make_run(), make_run(PredNetForecaster, "prob_static")]), [])
     assert table is not None
-    assert [row[0].text for row in table.rows] == ["prednet (dst_static)"]
+    assert [row[0].text for row in table.rows] == ["PredNet, DST static", "PredNet, probability static"]
 
 
 def test_published_numbers_are_the_papers() -> None:
@@ -125,7 +126,7 @@ def test_published_numbers_are_the_papers() -> None:
     assert curves["fcn_prob_dogma"].at(0.7) is None
     table = published_table()
     assert [cell.plain() for cell in table.rows[1]] == [
-        "PredNet (dst_dogma)",
+        "PredNet, DST DOGMa",
         "13.4 ± 0.7",
         "25.9 ± 1.2",
         "40.3 ± 1.9",

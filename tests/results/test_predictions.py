@@ -12,7 +12,7 @@ from envpred.mapping.evidence import pignistic
 from tests.results.predictions import FORECAST, folder_of, store_of
 
 
-@pytest.mark.parametrize(("role", "bound"), [("learned", set()), ("oracle", {"mine (dst_static)"})])
+@pytest.mark.parametrize(("role", "bound"), [("learned", set()), ("oracle", {"Mine"})])
 def test_cells_period_and_role_are_the_manifests(tmp_path: Path, role: str, bound: set[str]) -> None:
     scene = folder_of(tmp_path, FORECAST, role=role).scene(0)
     assert (scene.resolution, scene.period) == (0.2, 0.05)

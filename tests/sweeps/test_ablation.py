@@ -111,8 +111,8 @@ def test_the_rollouts_rows_and_the_fixed_frame(
     assert "| 0.1 s / static |" in text
     assert "| the ego's likeliest future alone |" in text
     table = (out / "report" / "rollout" / "methods.md").read_text()
-    assert "| rollout (dst_static), seed 0, rollout_1_future-" in table
-    assert "| moved_last_frame (dst_static) |" in table
+    assert "| Rollout, futures 1 |" in table
+    assert "| Moved last frame |" in table
     (job,) = (out / "runs").glob("fixed_context-*")
     told = json.loads((job / RESULT).read_text())["model"]["hyperparameters"]
     assert (told["fixed_frame"], told["context"]) == (True, True)
