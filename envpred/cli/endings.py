@@ -13,6 +13,7 @@ from torch import Tensor
 
 from envpred.callbacks.baselines import MOVED, moved_last_frame
 from envpred.callbacks.validations import best_validation, history
+from envpred.gate.runs import Validation
 from envpred.horizons import in_seconds, shown_steps
 from envpred.metrics.about import About
 from envpred.metrics.horizon_mse import HorizonMSE
@@ -20,7 +21,6 @@ from envpred.metrics.skill import skill_against
 from envpred.metrics.windows import PerHorizon
 from envpred.models import Forecaster
 from envpred.results.result import short_name
-from envpred.results.validations import Validation
 
 CONFIG = "config.yaml"  # what Lightning's command line writes into a run's folder
 STATIC_BASELINE, MOVED_LAST_FRAME = "static baseline", "moved last frame"

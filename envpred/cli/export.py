@@ -10,11 +10,12 @@ import envpred.models
 from envpred.cli.signatures import summary
 from envpred.errors import UserError
 from envpred.gate import conform
+from envpred.gate.runs import Validation
 from envpred.gate.weights import CARD, CONFIG, FORMAT, TENSORS, Config, read_config
 from envpred.models.checkpoints import read_checkpoint
 from envpred.models.weights import halved
 from envpred.report.card import card, measured
-from envpred.results.validations import Validation, read_validations
+from envpred.results.validations import read_validations
 from envpred.store.files import replace_text, replaced, write_json
 
 

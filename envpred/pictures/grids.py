@@ -31,7 +31,7 @@ Grid = NDArray[np.floating] | NDArray[np.uint8]
 LABEL_COLOURS = {UNKNOWN: "#bbbbbb", OCCUPIED: "#000000", FREE: "#ffffff", EGO: "#e69f00"}
 LABEL_NAMES = {UNKNOWN: "unknown", OCCUPIED: "occupied", FREE: "free", EGO: "ego"}
 ORANGE, SKY, GREEN, VERMILION, GREY = "#e69f00", "#56b4e9", "#009e73", "#d55e00", "#999999"
-PURPLE, BLACK = "#cc79a7", "#000000"
+BLUE, PURPLE, BLACK = "#0072b2", "#cc79a7", "#000000"
 
 SINGLE, DOUBLE = 3.5, 7.16  # inches; the widths of one column and of two in the IEEE's journals
 TEXT, SMALL = 8, 7  # points; smaller is not read in print

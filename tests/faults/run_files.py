@@ -18,6 +18,7 @@ from envpred.models.loading import load_forecaster
 from envpred.report.details import metric_tables, models_table
 from envpred.report.how_sure import cells_table, how_sure_table
 from envpred.report.page import page, pictures_of
+from envpred.report.paragraph import paragraph
 from envpred.report.pictures import compared_scenes
 from envpred.report.ratios import ratio_table
 from envpred.report.runs import read_runs
@@ -58,7 +59,7 @@ def read_results(folder: Path, random: Random) -> None:
     measured = [table for table in tables if table is not None]
     compared_scenes(read)
     appendix = [*metric_tables(runs), models_table(read, folder / "out")]
-    page(read, measured, [], appendix, {}, [], pictures_of(read))
+    page(read, paragraph(read, []), measured, [], appendix, {}, [], pictures_of(read))
 
 
 def write_predictions(folder: Path) -> None:
