@@ -15,6 +15,7 @@ from tests.store.stores import write_store
 QUIET = ["--trainer.accelerator=cpu", "--trainer.enable_progress_bar=false", "--trainer.enable_model_summary=false"]
 
 
+@pytest.mark.slow
 def test_every_subcommand_reads_what_every_other_saved(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     write_store(tmp_path / "grids", {name: list(range(40)) for name in "abc"})

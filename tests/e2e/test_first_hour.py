@@ -10,7 +10,7 @@ from tests.e2e.first_hour import SECTIONS, as_seen, commands_of, first_hour
 def test_the_commands_of_the_pages_are_found_and_cut_short() -> None:
     readme, forecast, sweeps = (list(commands_of(*section)) for section in SECTIONS)
     assert readme[0] == "envpred grids --config rollout --source drives --store grids/"
-    assert [command.split()[1] for command in readme] == ["grids", "test", "test", "report"]
+    assert [command.split()[1] for command in readme] == ["grids", "test", "test", "report", "predict", "draw", "live"]
     assert [command.split()[1] for command in forecast] == ["grids", "fit", "test", "test", "report"]
     assert "--data.samples 20" in forecast[1]
     tune, fit, ablate = sweeps

@@ -47,6 +47,7 @@ def test_tensorboard_shows_what_a_corrected_rollout_is_made_of() -> None:
     assert result["pictures"]["window_0_rollout"] == "pictures/window_0_rollout.png"
 
 
+@pytest.mark.slow
 def test_samples_are_judged_and_reported(tmp_path: Path) -> None:
     main(["test", *configured("rollout"), "--model.samples=true"])
     main(["test", *configured("rollout")])
