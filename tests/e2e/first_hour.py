@@ -113,7 +113,6 @@ def first_hour(folder: Path, installed: Path | None = None) -> Hour:
             hour.run(command)
     hour.run("tensorboard --logdir runs/fit --inspect --tag val/mse")
     _forecast(hour)
-    hour.run("envpred grids --store grids/ --dogma")
     for command in commands_of(*SECTIONS[2]):
         hour.run(command)
     _bring_ones_own(hour)
