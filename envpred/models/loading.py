@@ -43,13 +43,13 @@ def load_forecaster(
     if not file.is_file() and (folder := find(str(checkpoint))) is not None:
         return _ready(of_weights(Weights.read(folder)), device)
     content = read_checkpoint(file, device)
-    class_path, parameters = str(content.get("class_path", "")), content["hyper_parameters"]
+    class_path, parameters = str(content.get("class_path", "")), content.get("hyper_parameters", {})
     kind = _named(class_path, file, trusted)
     if not (isinstance(kind, type) and issubclass(kind, Forecaster)):
         raise UserError(f"{file}: {class_path} is no forecaster; give a checkpoint that `envpred fit` wrote")
-    variant = parameters.get("variant", "")
-    if variant not in VARIANTS and "." in str(variant):
-        _named(str(variant), file, trusted)
+    variant = str(parameters.get("variant", ""))
+    if variant not in VARIANTS and "." in variant:
+        _named(variant, file, trusted)
     taken = inspect.signature(kind).parameters
     try:
         forecaster: Forecaster = kind(**{k: v for k, v in parameters.items() if k in taken})
