@@ -91,8 +91,8 @@ def commands_of(page: str, section: str) -> Iterator[str]:
     text = (REPOSITORY / page).read_text(encoding="utf-8")
     _, text = re.split(rf"^#+ {re.escape(section)}$", text, maxsplit=1, flags=re.MULTILINE)
     text = re.split(r"^#+ ", text, maxsplit=1, flags=re.MULTILINE)[0]
-    for block in re.findall(r"```\n(.*?)```", text, re.DOTALL):
-        for line in block.replace("\\\n", "").splitlines():
+    for language, block in re.findall(r"^```(\w*)\n(.*?)^```$", text, re.DOTALL | re.MULTILINE):
+        for line in ("" if language else block).replace("\\\n", "").splitlines():
             command = " ".join(line.split("  #")[0].replace("KITTI_ROOT", "drives").split())
             if command.startswith("envpred"):
                 added = next((more for start, more in SHORT.items() if command.startswith(start)), "")
