@@ -49,10 +49,7 @@ class PoseTrack:
             return np.array(scans.numbers, np.float64) * (said.period / scans.stride)
         if said is not None and said.file is not None:
             times = read_times(self.inside(said.file), said.unit)
-            line = self._line_of_scan(len(times), self.inside(said.file), None)
-            if (line < 0).any():
-                raise UserError(f"{self.inside(said.file)}: {len(times)} lines are too few; write one for each scan")
-            return times[line]
+            return times[self._line_of_scan(len(times), self.inside(said.file), None)]
         if self.said.file is not None and self._read[0] is not None and len(self._read[0]) == len(scans.files):
             return self._read[0]
         raise UserError(

@@ -122,6 +122,12 @@ def found_in(folder: Path) -> list[tuple[str, str]]:
     return [(finding.what, str(finding)) for finding in check(one_drive(folder)).findings]
 
 
+def test_scans_and_poses_of_other_days_are_said(tmp_path: Path) -> None:
+    folder = own.write(tmp_path / "mine", own.record(4), ".npy", {"poses": {**TUM, "clock": 1e6}})
+    (finding,) = check(one_drive(folder)).findings
+    assert "mine: no frame has both a scan and a pose; check names, times and clocks of both" in str(finding)
+
+
 @pytest.mark.slow
 def test_a_sound_recording_has_nothing(recorded: own.Recorded, tmp_path: Path) -> None:
     assert found_in(own.write(tmp_path / "mine", recorded)) == []

@@ -68,6 +68,10 @@ def result(model: str) -> dict[str, Any]:
     return found
 
 
+def newest_result() -> Path:
+    return sorted(Path("runs/test/prednet").rglob(RESULT))[-1]
+
+
 def test_a_folder_of_weights_says_what_it_is(inside: Path) -> None:
     folder = Path("weights/mine")
     assert sorted(file.name for file in folder.iterdir()) == sorted([CARD, CONFIG, TENSORS])
@@ -212,19 +216,27 @@ def test_training_further_has_an_option_of_its_own(inside: Path, store: Path) ->
 
 
 def test_what_cannot_be_exported_is_one_line(inside: Path, store: Path) -> None:
-    assert "runs: no run with a best checkpoint; give the folder" in refusal(["export_weights", "runs", "--name", "x"])
+    message = refusal(["export_weights", "runs", "--name", "x"])
+    assert "runs: no run with a best checkpoint; give the folder" in message
+    assert remedy(message) == [["fit"]]  # which has made RUN
     Path("weights/other").mkdir()
-    assert "weights/other: holds something else already" in refusal(["export_weights", str(RUN), "--name", "other"])
+    message = refusal(["export_weights", str(RUN), "--name", "other"])
+    assert "weights/other: holds something else already" in message
+    (name,), (out,) = remedy(message)
+    main(["export_weights", str(RUN), name, "another", out, "elsewhere"])
     assert "config.json: name: holds signs that do not belong there" in refusal(
         ["export_weights", str(RUN), "--name", "a/b"]
     )
     run = ["export_weights", str(RUN), "--name", "again", "--results"]
     assert "no result of these weights beside it" in refusal([*run, "runs/test/moved_last_frame"])
     main(["test", *MODEL, f"--data.store={store}", "--ckpt_path=best", *QUIET])
-    message = refusal([*run, str(sorted(Path("runs/test/prednet").rglob(RESULT))[-1])])
+    message = refusal([*run, str(newest_result())])
     assert "was not measured with these weights" in message
+    (command,) = remedy(message)
+    main([*command, "weights/mine", f"--data.store={store}", *QUIET])
+    main(["export_weights", str(RUN), "--name", "mine", "--results", str(newest_result())])
     main(["test", "--weights=weights/mine", f"--data.store={store}", "--data.length=10", *QUIET])
-    short = sorted(Path("runs/test/prednet").rglob(RESULT))[-1].parent
+    short = newest_result().parent
     shutil.copytree(short, "short")
     edit = json.loads(Path("short/result.json").read_text())
     edit["data"]["store_hash"] = "another"

@@ -303,6 +303,13 @@ TUM = {"format": "tum", "file": "path.txt"}
 KITTI = {"format": "kitti", "file": "path.txt"}
 
 
+def sparse(folder: Path) -> None:
+    """A file of more than a gibibyte, which takes no place on the disk."""
+    with (folder / "big.txt").open("wb") as file:
+        file.truncate((1 << 30) + 1)
+    say(folder, poses={**KITTI, "file": "big.txt"})
+
+
 def look(folder: Path) -> None:
     drive = one_drive(folder)
     oddities(drive, drive.sensor_to_body())
@@ -317,6 +324,7 @@ def look(folder: Path) -> None:
         (settings(poses=None), r"envpred\.yaml: says of no poses; .*kiss-icp"),
         (settings(poses={"format": "tum"}), r"envpred\.yaml: poses: poses that are read need their file"),
         (settings(poses={"format": "kitti", "file": "no.txt"}), r"no\.txt: missing; name the right file"),
+        (sparse, r"big\.txt: 1024 MiB are no list of poses or times; name the right file"),
         (settings(poses=KITTI), r"path\.txt: a pose is a line of 12 numbers, this one has 8 words"),
         (settings(poses={**TUM, "file": "envpred.yaml"}), r"a pose is a line of 8 numbers"),
         (settings(poses={"format": "oxts", "file": "lidar"}), "lidar: holds no OXTS packets"),
@@ -354,6 +362,16 @@ def test_what_cannot_be_is_one_line(folder: Path, damage: Callable[[Path], objec
     with pytest.raises(UserError, match=message) as failure:
         look(folder)
     assert "\n" not in str(failure.value)
+
+
+def test_a_scan_that_becomes_a_folder_is_one_line(folder: Path) -> None:
+    drive = one_drive(folder)
+    first = drive.frames[0]
+    for file in (folder / "lidar").iterdir():
+        file.unlink()
+        file.mkdir()
+    with pytest.raises(UserError, match=r"lidar/.*\.npy: cannot be read \(Is a directory\)"):
+        drive.scan(first)
 
 
 def test_a_matrix_that_ends_otherwise_is_refused(folder: Path, recorded: own.Recorded) -> None:

@@ -112,7 +112,7 @@ def alike_where_both_looked(expected: dict[Any, Any], found: dict[Any, Any]) -> 
 def ablated(work: Path) -> dict[str, Any]:
     """Grids, results, and of the report its table and the names of all files beside it."""
     report = work / "ablation" / "report"
-    (table,) = report.rglob("table_1.md")
+    (table,) = report.rglob("methods.md")
     return {**hashes(work / "ablation" / "stores"), **results(work), **names(report), "table": table.read_text()}
 
 
