@@ -364,13 +364,13 @@ def test_what_cannot_be_is_one_line(folder: Path, damage: Callable[[Path], objec
     assert "\n" not in str(failure.value)
 
 
-def test_a_scan_that_becomes_a_folder_is_one_line(folder: Path) -> None:
+def test_a_scan_that_is_taken_away_is_one_line(recorded: own.Recorded, tmp_path: Path) -> None:
+    folder = own.write(tmp_path / "mine", recorded, ".bin")
     drive = one_drive(folder)
     first = drive.frames[0]
     for file in (folder / "lidar").iterdir():
         file.unlink()
-        file.mkdir()
-    with pytest.raises(UserError, match=r"lidar/.*\.npy: cannot be read \(Is a directory\)"):
+    with pytest.raises(UserError, match=r"lidar/.*\.bin: cannot be read \(No such file or directory\)"):
         drive.scan(first)
 
 

@@ -110,10 +110,11 @@ def alike_where_both_looked(expected: dict[Any, Any], found: dict[Any, Any]) -> 
 
 
 def ablated(work: Path) -> dict[str, Any]:
-    """Grids, results, and of the report its table and the names of all files beside it."""
+    """Grids, results, and of the reports their tables and the names of all files beside them."""
     report = work / "ablation" / "report"
-    (table,) = report.rglob("methods.md")
-    return {**hashes(work / "ablation" / "stores"), **results(work), **names(report), "table": table.read_text()}
+    tables = [file.read_text() for file in sorted(report.rglob("methods.md"))]
+    assert tables
+    return {**hashes(work / "ablation" / "stores"), **results(work), **names(report), "tables": tables}
 
 
 def published(work: Path) -> dict[str, Any]:
