@@ -128,6 +128,10 @@ def results(work: Path) -> dict[str, Any]:
     """Every result but for times, by the name of its run."""
     found = {file.parent.name: json.loads(file.read_text()) for file in sorted(work.rglob(RESULT))}
     assert found
+    for told in found.values():
+        trained = told["model"]["trained"] or {}
+        for name in ("seconds", "command"):  # a training that went on took other ones
+            trained.pop(name, None)
     return {run: {k: v for k, v in told.items() if k not in NOT_COMPARED} for run, told in found.items()}
 
 
