@@ -32,9 +32,7 @@ def seen_of(mapper: Mapper, mapped: Sequence[Mapped], variant: Variant, needs: N
     """
     if needs.context and mapper.context is None:
         raise UserError("the mapper maps no wide grid, which the forecaster needs; give Mapper(context=256)")
-    judged = _arrays(mapped, wide=False)
-    if mapper.context is not None:
-        judged[f"{CONTEXT}evidence"] = _arrays(mapped, wide=True)["evidence"]
+    judged = _arrays(mapped)
     missing = [name for name in (*variant.arrays, *needs.arrays) if name not in judged]
     if missing:
         remedy = "Mapper(context=256)" if missing == [f"{CONTEXT}evidence"] else "Mapper(velocities=...)"
@@ -59,15 +57,17 @@ def seen_of(mapper: Mapper, mapped: Sequence[Mapped], variant: Variant, needs: N
         "arrays": {name: _batch(judged[name]) for name in needs.arrays},
     }
     if needs.context:
-        seen["context"] = _batch(variant.make_frames(_arrays(mapped, wide=True)))
+        wide = judged[f"{CONTEXT}evidence"]
+        around = {name: widened(judged[name], wide.shape[-1]) for name in variant.arrays if name != "evidence"}
+        seen["context"] = _batch(variant.make_frames({"evidence": wide, **around}))
         seen["context_label"] = _batch(np.stack([_given(frame.context_label) for frame in mapped]))
     return seen
 
 
-def _arrays(mapped: Sequence[Mapped], wide: bool) -> dict[str, NDArray[np.float32]]:
+def _arrays(mapped: Sequence[Mapped]) -> dict[str, NDArray[np.float32]]:
     """The arrays that a store would hold of the frames, by name."""
-    found = {"evidence": _kept([_given(frame.context_mass) if wide else frame.mass for frame in mapped])}
-    if not wide and all(frame.context_mass is not None for frame in mapped):
+    found = {"evidence": _kept([frame.mass for frame in mapped])}
+    if all(frame.context_mass is not None for frame in mapped):
         found[f"{CONTEXT}evidence"] = _kept([_given(frame.context_mass) for frame in mapped])
     dogmas = [frame.velocities for frame in mapped]
     if all(dogma is not None for dogma in dogmas):
@@ -75,9 +75,6 @@ def _arrays(mapped: Sequence[Mapped], wide: bool) -> dict[str, NDArray[np.float3
             values = [getattr(dogma, field) for dogma in dogmas]
             if all(value is not None for value in values):
                 found[name] = np.stack(values).astype(np.float32)
-    if wide:
-        for name in set(found) - {"evidence"}:
-            found[name] = widened(found[name], found["evidence"].shape[-1])
     return found
 
 
