@@ -43,7 +43,7 @@ def hedge(length: float, width: float, height: float, rng: np.random.Generator) 
     y = np.where(face < width, face - width / 2, np.where(face < width + height, -width / 2, width / 2))
     z = np.where(face < width, height, (face - width) % height)
     places = np.column_stack([rng.uniform(-length / 2, length / 2, n), y, z]) + rng.normal(0, 0.05, (n, 3))
-    core = box((-length / 2, length / 2), (-0.05, 0.05), (-0.5, height - 0.1), classes.VEGETATION, "leaves")
+    core = box((-length / 2, length / 2), (-0.05, 0.05), (-0.5, height - 0.1), classes.VEGETATION, "twigs")
     return join([core, leaves(places, 0.16, classes.VEGETATION, rng)])
 
 

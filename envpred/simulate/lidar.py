@@ -1,67 +1,52 @@
 """A Velodyne HDL-64E at 10 Hz on the roof of KITTI's car: rays by Embree, ranges, intensities and losses of our own.
 
 Scanners of 16, 32 and 128 beams stand beside it (`SENSORS`).  The sweep is frozen: all rays of a scan leave from the
-pose at its middle, so the ego's motion during the 0.1 s of a turn bends nothing, unless each firing has a pose.
+pose at its middle, so the ego's motion during the 0.1 s of a turn bends nothing, unless each firing has a pose.  What
+differs from scan to scan although nothing drives is `Clutter`: leaves, blades of grass, edges.
 """
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
-from embreex.mesh_construction import TriangleMesh
-from embreex.rtcore import EmbreeDevice
-from embreex.rtcore_scene import EmbreeScene
 from numpy.typing import NDArray
 
+from envpred.simulate.clutter import NO_CLUTTER, Clutter, blend, graze, pass_leaves
 from envpred.simulate.mesh import MATERIALS, FloatArray, Mesh
+from envpred.simulate.rays import Struck, Target, strike
 
 _REFLECTANCE, _LOST = np.array(list(MATERIALS.values()), np.float32).T
 
 
-class Target:
-    """A mesh that rays can be cast at."""
-
-    def __init__(self, mesh: Mesh, device: EmbreeDevice) -> None:
-        self.mesh = mesh
-        self._scene = EmbreeScene(device=device)
-        TriangleMesh(self._scene, np.ascontiguousarray(mesh.vertices), np.ascontiguousarray(mesh.faces))
-        instance: NDArray[np.uint32] = mesh.instance.astype(np.uint32)
-        self.word: NDArray[np.uint32] = mesh.label | (instance << np.uint32(16))
-
-    def hit(self, origin: NDArray[np.float32], directions: NDArray[np.float32]) -> dict[str, NDArray[Any]]:
-        """First hits of rays (N, 3) from `origin` (3,) or (N, 3): tfar (N,) m, primID (N,) face or -1, Ng normals."""
-        starts = np.broadcast_to(origin, directions.shape).copy()
-        hits: dict[str, NDArray[Any]] = self._scene.run(starts, directions, output=True)
-        return hits
-
-
 @dataclass(frozen=True)
 class HDL64E:
-    """The sensor (Velodyne's manual of the HDL-64E S2; what KITTI's car hides of the view is read off its scans).
+    """The sensor (Velodyne's manual of the HDL-64E S2; beams and what its car hides of the view as in KITTI's scans).
 
     Args:
-        columns: firings a turn at 10 Hz, 0.173 degrees apart (KITTI turned a little slower: 2152 at 9.68 Hz).
+        columns: firings a turn, 0.167 degrees apart: KITTI's sensor turned at 9.68 Hz.
         nearest, farthest: returns nearer or farther (metres) are not recorded; KITTI keeps 80 m.
         noise: standard deviation of a range, metres.
-        lost: share of returns that are lost anyhow.
         faint: returned share of the light, at 80 m face on, at which two of three returns are lost.
     """
 
-    columns: int = 2083
+    columns: int = 2152
     nearest: float = 0.9
     farthest: float = 80.0
     noise: float = 0.018
-    lost: float = 0.006
     faint: float = 0.004
 
     @cached_property
     def elevation(self) -> FloatArray:
-        """(64,) radians, top beam first: two blocks of 32 lasers, 1/3 and 1/2 degree apart."""
-        upper = 2.0 - np.arange(32) / 3
-        lower = -8.83 - np.arange(32) / 2
+        """(64,) radians, top beam first: two blocks of 32 lasers, about 1/3 and 1/2 degree apart."""
+        upper = np.linspace(1.94, -8.66, 32)
+        lower = np.linspace(-9.06, -24.96, 32)
         angles: FloatArray = np.radians(np.concatenate([upper, lower]))
         return angles
+
+    @cached_property
+    def lift(self) -> FloatArray:
+        """(64,) metres above the sensor's origin from which each beam leaves: its two blocks of lasers stand apart."""
+        return np.repeat([0.204, 0.121], 32)
 
     @cached_property
     def azimuth(self) -> FloatArray:
@@ -95,6 +80,12 @@ class HDL64E:
         seen: NDArray[np.bool_] = ~hidden.ravel()
         return seen
 
+    @cached_property
+    def _lifted(self) -> NDArray[np.float32]:
+        """How far above the sensor's origin each ray leaves, metres (rays,)."""
+        lifted: NDArray[np.float32] = np.repeat(self.lift, self.columns)[self._seen].astype(np.float32)
+        return lifted
+
     def scan(
         self,
         still: Target,
@@ -102,39 +93,52 @@ class HDL64E:
         pose: FloatArray,
         rng: np.random.Generator,
         firing: FloatArray | None = None,
+        clutter: Clutter = NO_CLUTTER,
     ) -> tuple[NDArray[np.float32], NDArray[np.uint32]]:
         """One turn at the sensor's `pose` (4, 4): points (N, 4) with intensity in 0..1, and `.label` words (N,).
 
         With poses (columns, 4, 4) of each `firing` the sensor moves meanwhile, and each point is seen from its own.
         """
-        rotation, origin = pose[:3, :3].astype(np.float32), pose[:3, 3].astype(np.float32)
-        rays = self.directions @ rotation.T
-        if firing is not None:
+        if firing is None:
+            rotation = pose[:3, :3].astype(np.float32)
+            rays = self.directions @ rotation.T
+            start = pose[:3, 3].astype(np.float32) + self._lifted[:, None] * rotation[:, 2]
+        else:
             turned = firing[self.column].astype(np.float32)
-            rays, origin = np.einsum("nij,nj->ni", turned[:, :3, :3], self.directions), turned[:, :3, 3]
-        distance, word, material, cosine = _strike(still, origin, rays)
+            rays = np.einsum("nij,nj->ni", turned[:, :3, :3], self.directions)
+            start = turned[:, :3, 3] + self._lifted[:, None] * turned[:, :3, 2]
+        struck = strike(still, start, rays)
+        pass_leaves(struck, still, start, rays, clutter.porosity, rng)
         if moving is not None:
             chosen = (
                 np.flatnonzero(self._towards(moving.mesh, pose)[self.column])
                 if firing is None
                 else np.arange(len(rays))
             )
-            near = _strike(moving, origin if firing is None else origin[chosen], rays[chosen])
-            closer = near[0] < distance[chosen]
-            chosen = chosen[closer]
-            distance[chosen], word[chosen] = near[0][closer], near[1][closer]
-            material[chosen], cosine[chosen] = near[2][closer], near[3][closer]
-        draw = rng.random((2, len(rays)), np.float32)
-        noise = rng.standard_normal(len(rays), np.float32)
-        light = _REFLECTANCE[material] * cosine
-        near_enough = (distance > self.nearest) & (distance < self.farthest)
-        signal = light * (self.farthest / np.maximum(distance, 1)) ** 2
-        kept = near_enough & (draw[0] > self.lost + _LOST[material]) & (draw[1] > np.exp(-signal / self.faint))
-        measured = distance + self.noise * noise
-        points = np.empty((int(kept.sum()), 4), np.float32)
-        points[:, :3] = self.directions[kept] * measured[kept, None]
-        points[:, 3] = np.round(np.clip(light[kept] * (0.9 + 0.1 * noise[kept]), 0, 0.99), 2)
-        return points, word[kept]
+            near = strike(moving, start[chosen], rays[chosen])
+            closer = near.distance < struck.distance[chosen]
+            struck.put(chosen[closer], near.of(closer))
+        measured = struck.distance + self.noise * rng.standard_normal(len(rays), np.float32)
+        graze(measured, struck, clutter.grass, rng)
+        blend(measured, clutter.mixed, rng)
+        light = _REFLECTANCE[struck.material] * struck.cosine
+        kept = np.flatnonzero(self._returned(struck, light, clutter.lost, rng))
+        points = np.empty((len(kept), 4), np.float32)
+        np.multiply(self.directions.take(kept, axis=0), measured.take(kept)[:, None], out=points[:, :3])
+        points[:, 2] += self._lifted.take(kept)
+        glint = 0.9 + 0.1 * rng.standard_normal(len(points), np.float32)
+        points[:, 3] = np.round(np.clip(light.take(kept) * glint, 0, 0.99), 2)
+        return points, struck.word.take(kept)
+
+    def _returned(
+        self, struck: Struck, light: NDArray[np.float32], lost: float, rng: np.random.Generator
+    ) -> NDArray[np.bool_]:
+        """Which rays (N,) come back: in reach, bright enough, and not lost."""
+        draw = rng.random((2, len(light)), np.float32)
+        signal = light * (self.farthest / np.maximum(struck.distance, 1)) ** 2
+        kept = (struck.distance > self.nearest) & (struck.distance < self.farthest)
+        kept &= (draw[0] > lost + _LOST[struck.material]) & (draw[1] > np.exp(-signal / self.faint))
+        return np.asarray(kept)
 
     def _towards(self, mesh: Mesh, pose: FloatArray) -> NDArray[np.bool_]:
         """Firings (columns,) in whose plane a vertex lies, or that lie between two vertices of one face."""
@@ -155,7 +159,7 @@ class HDL64E:
 
 @dataclass(frozen=True)
 class Rings(HDL64E):
-    """A scanner whose beams stand at other angles, and that sees all around.
+    """A scanner whose beams stand at other angles, leave from one place, and see all around.
 
     Args:
         beams: degrees above the horizon, top beam first.
@@ -170,6 +174,11 @@ class Rings(HDL64E):
         return angles
 
     @cached_property
+    def lift(self) -> FloatArray:
+        """(beams,) metres above the origin: none."""
+        return np.zeros(len(self.beams))
+
+    @cached_property
     def _seen(self) -> NDArray[np.bool_]:
         return np.ones(len(self.beams) * self.columns, np.bool_)
 
@@ -181,18 +190,3 @@ SENSORS: dict[int, HDL64E] = {
     64: HDL64E(),
     128: Rings(columns=1024, beams=tuple(22.5 - 45 / 127 * k for k in range(128))),
 }
-
-
-def _strike(
-    target: Target, origin: NDArray[np.float32], rays: NDArray[np.float32]
-) -> tuple[NDArray[np.float32], NDArray[np.uint32], NDArray[np.uint8], NDArray[np.float32]]:
-    """Distance (inf: none), label word, material and cosine of the angle of incidence of each ray's first hit."""
-    hits = target.hit(origin, rays)
-    face = hits["primID"].astype(np.intp)
-    normal = hits["Ng"].astype(np.float32)
-    missed = face < 0
-    distance = hits["tfar"].astype(np.float32)
-    distance[missed] = np.inf
-    length = np.sqrt(np.einsum("ij,ij->i", normal, normal))
-    cosine: NDArray[np.float32] = np.abs(np.einsum("ij,ij->i", normal, rays)) / np.maximum(length, np.float32(1e-12))
-    return distance, target.word[face], target.mesh.material[face], cosine

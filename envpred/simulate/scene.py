@@ -7,10 +7,11 @@ import numpy as np
 from embreex.rtcore import EmbreeDevice
 
 from envpred.simulate import classes, models
+from envpred.simulate.clutter import Clutter
 from envpred.simulate.ego import EgoMotion, drive_over
 from envpred.simulate.layout import STYLES, Layout, Parked, Style
-from envpred.simulate.lidar import Target
 from envpred.simulate.mesh import FloatArray, Mesh, join
+from envpred.simulate.rays import Target
 from envpred.simulate.terrain import Terrain
 from envpred.simulate.traffic import KINDS, Motion, Recording
 
@@ -57,6 +58,7 @@ class Scene:
     still: Mesh
     parked: list[Parked]  # instances 1, 2, ...
     actors: list[Actor]
+    clutter: Clutter
 
     def targets(self) -> tuple[Target, EmbreeDevice]:
         """The standing part, ready for rays, and the device for the moving part."""
@@ -144,7 +146,7 @@ def build(
         for k, m in enumerate(others)
         if _reaches(m, path)
     ]
-    return Scene(town, frames, ego, terrain, join(parts), layout.parked, actors)
+    return Scene(town, frames, ego, terrain, join(parts), layout.parked, actors, Clutter.draw(rng))
 
 
 def _choose(motions: list[Motion], frames: int, pace: float, rng: np.random.Generator, town: str) -> tuple[int, int]:

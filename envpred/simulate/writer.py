@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from envpred.drives.tracklets import HIDDEN, TRACKLETS, VISIBLE, Tracklet
 from envpred.simulate import tracklets
 from envpred.simulate.ego import IMU_TO_SENSOR, oxts_packets
-from envpred.simulate.lidar import HDL64E, Target
+from envpred.simulate.lidar import HDL64E
+from envpred.simulate.rays import Target
 from envpred.simulate.scene import Box, Scene
 from envpred.simulate.traffic import RATE
 
@@ -39,7 +40,7 @@ def write_drive(folder: Path, scene: Scene, sensor: HDL64E, number: int, rng: np
     for k in range(scene.frames):
         moving = scene.moving(k)
         pose = scene.ego.sensor_pose(k)
-        points, words = sensor.scan(still, Target(moving, device) if moving else None, pose, rng)
+        points, words = sensor.scan(still, Target(moving, device) if moving else None, pose, rng, None, scene.clutter)
         points.tofile(data / f"{k:010d}.bin")
         words.tofile(truth / f"{k:010d}.label")
         _follow(seen, scene.boxes(k), k, np.asarray(np.linalg.inv(pose), np.float64), words)
@@ -56,7 +57,7 @@ def _follow(
     words: NDArray[np.uint32],
 ) -> None:
     """Adds a frame's boxes to the tracklets, hidden without a return; what comes back into reach starts another."""
-    hit = set(np.unique(words >> 16).tolist())
+    hit = set(np.flatnonzero(np.bincount(words >> 16)).tolist())
     turn = np.arctan2(to_sensor[1, 0], to_sensor[0, 0])
     for box in boxes:
         mine = seen.setdefault(box.instance, [])

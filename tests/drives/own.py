@@ -15,7 +15,8 @@ from scipy.spatial.transform import Rotation
 
 from envpred.mapping.trajectory import poses_at
 from envpred.simulate import scene as scenes
-from envpred.simulate.lidar import HDL64E, SENSORS, Rings, Target
+from envpred.simulate.lidar import HDL64E, SENSORS, Rings
+from envpred.simulate.rays import Target
 from envpred.simulate.run import builtin_recording
 from envpred.simulate.traffic import Recording
 

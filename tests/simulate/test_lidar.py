@@ -7,8 +7,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from envpred.simulate import classes, furniture, models
-from envpred.simulate.lidar import HDL64E, SENSORS, Rings, Target
-from envpred.simulate.mesh import Mesh, box, join
+from envpred.simulate.clutter import Clutter
+from envpred.simulate.lidar import HDL64E, SENSORS, Rings
+from envpred.simulate.mesh import Mesh, box, join, mesh
+from envpred.simulate.rays import Target
 from envpred.simulate.traffic import KINDS
 
 DEVICE = EmbreeDevice()
@@ -24,30 +26,52 @@ def plane(size: float = 300.0) -> Mesh:
     return box((-size, size), (-size, size), (-1.0, 0.0), classes.ROAD, "asphalt")
 
 
-def test_beams_are_those_of_the_manual() -> None:
+def rings_of(points: np.ndarray) -> np.ndarray:
+    """The number of the beam of every point of a scan whose beams all return something, from KITTI's order."""
+    azimuth = np.arctan2(points[:, 1], points[:, 0]) % (2 * np.pi)
+    return np.concatenate([[0], np.cumsum(np.diff(azimuth) < -3)])
+
+
+def test_beams_leave_where_those_of_kittis_scans_do() -> None:
     degrees = np.degrees(SENSOR.elevation)
     assert len(degrees) == 64
-    assert (degrees[0], degrees[31]) == pytest.approx((2.0, -8.333), abs=1e-3)
-    assert (degrees[32], degrees[63]) == pytest.approx((-8.83, -24.33), abs=1e-3)
-    np.testing.assert_allclose(np.diff(degrees[:32]), -1 / 3)
-    np.testing.assert_allclose(np.diff(degrees[32:]), -0.5)
-    np.testing.assert_allclose(np.degrees(np.diff(SENSOR.azimuth)), 0.1728, atol=1e-4)
+    np.testing.assert_allclose(np.diff(degrees[:32]), -0.342, atol=1e-3)
+    np.testing.assert_allclose(np.diff(degrees[32:]), -0.513, atol=1e-3)
+    np.testing.assert_allclose(np.degrees(np.diff(SENSOR.azimuth)), 0.1673, atol=1e-4)
     np.testing.assert_allclose(np.linalg.norm(SENSOR.directions, axis=1), 1, atol=1e-6)
+    # Seen from inside a round tower all beams return something, and each ring's line through its points says its place.
+    angle = np.linspace(0, 2 * np.pi, 721)
+    tower = mesh(
+        [(r * np.cos(a), r * np.sin(a), z) for a in angle for r, z in ((5.0, -30.0), (30.0, 30.0))],
+        [f for k in range(720) for f in ((2 * k, 2 * k + 1, 2 * k + 2), (2 * k + 1, 2 * k + 3, 2 * k + 2))],
+        classes.BUILDING,
+        "plaster",
+    )
+    near = join([tower, box((8.0, 9.0), (-3, 3), (-9, 9), classes.BUILDING, "plaster")])  # another range for each ring
+    points, _ = HDL64E(noise=0.0).scan(Target(near, DEVICE), None, pose_at(z=0.0), np.random.default_rng(0))
+    rings = rings_of(points)
+    assert rings[-1] == 63
+    for ring, wanted in ((0, (1.94, 0.204)), (31, (-8.66, 0.204)), (32, (-9.06, 0.121)), (50, (-18.29, 0.121))):
+        mine = points[rings == ring].astype(float)
+        slope, lift = np.polyfit(np.hypot(mine[:, 0], mine[:, 1]), mine[:, 2], 1)
+        assert (np.degrees(np.arctan(slope)), lift) == pytest.approx(wanted, abs=6e-3)
 
 
 def test_most_rays_leave_and_the_own_roof_hides_what_is_behind_and_below() -> None:
     elevation = np.degrees(np.arcsin(SENSOR.directions[:, 2]))
     azimuth = np.degrees(np.arctan2(SENSOR.directions[:, 1], SENSOR.directions[:, 0]))
-    assert 0.92 < len(SENSOR.directions) / (64 * 2083) < 0.96
+    assert 0.92 < len(SENSOR.directions) / (64 * SENSOR.columns) < 0.96
     assert not ((elevation < -18) & (np.abs(azimuth) > 172)).any()
-    assert (elevation > -14).sum() == (np.degrees(SENSOR.elevation) > -14).sum() * 2083
+    assert (elevation > -14).sum() == (np.degrees(SENSOR.elevation) > -14).sum() * SENSOR.columns
 
 
 def test_a_plane_lies_where_it_is_with_the_noise_of_the_sensor() -> None:
     points, words = SENSOR.scan(Target(plane(), DEVICE), None, pose_at(), np.random.default_rng(0))
     assert (words == classes.ROAD).all()
-    distance = np.linalg.norm(points[:, :3], axis=1)
-    true = 1.73 / -(points[:, 2] / distance)
+    above = 1.73 + SENSOR.lift[(SENSOR.elevation < -0.02).argmax() + rings_of(points)]  # the first beam that comes down
+    from_laser = points[:, :3] - np.outer(above - 1.73, [0, 0, 1])
+    distance = np.linalg.norm(from_laser, axis=1)
+    true = above / -(from_laser[:, 2] / distance)
     near = true < 40
     assert (distance - true)[near].mean() == pytest.approx(0, abs=5e-4)
     assert (distance - true)[near].std() == pytest.approx(0.018, rel=0.03)
@@ -55,7 +79,7 @@ def test_a_plane_lies_where_it_is_with_the_noise_of_the_sensor() -> None:
     assert (points[:, 2] < 0).all()  # nothing comes back from the sky
     assert ((points[:, 3] >= 0) & (points[:, 3] < 1)).all()
     # Grazing returns get lost: many at 70 m, few at 20 m.
-    rays = -1.73 / np.minimum(SENSOR.directions[:, 2], -1e-9)
+    rays = -(1.73 + SENSOR._lifted) / np.minimum(SENSOR.directions[:, 2], -1e-9)
     kept = [((distance > a) & (distance < b)).sum() / ((rays > a) & (rays < b)).sum() for a, b in ((15, 25), (62, 78))]
     assert kept[0] > 0.97
     assert kept[1] < 0.85
@@ -65,7 +89,7 @@ def test_points_are_ordered_beam_by_beam_as_in_kittis_files() -> None:
     points, _ = SENSOR.scan(Target(plane(), DEVICE), None, pose_at(), np.random.default_rng(0))
     azimuth = np.arctan2(points[:, 1], points[:, 0]) % (2 * np.pi)
     turns = (np.diff(azimuth) < -5).sum() + 1
-    assert turns == (1.73 / np.tan(np.maximum(-SENSOR.elevation, 1e-9)) < 79).sum()
+    assert turns == ((1.73 + SENSOR.lift) / np.tan(np.maximum(-SENSOR.elevation, 1e-9)) < 79).sum()
 
 
 def test_the_nearer_of_standing_and_moving_is_seen_in_either_order() -> None:
@@ -156,9 +180,78 @@ def test_other_scanners_have_the_beams_of_their_manuals(beams: int, highest: flo
 
 def test_a_scanner_that_moves_sees_each_column_from_its_own_place() -> None:
     """A wall 20 m ahead, driven at by 1 m within the turn: what is seen last is 1 m nearer."""
-    sensor = Rings(columns=400, noise=0.0, lost=0.0, beams=(0.0,))
+    sensor = Rings(columns=400, noise=0.0, beams=(0.0,))
     wall = Target(box((20, 21), (-50, 50), (0, 5), classes.BUILDING, "asphalt"), DEVICE)
     firing = np.stack([pose_at(x=k / 400) for k in range(400)])
     points, _ = sensor.scan(wall, None, pose_at(), np.random.default_rng(0), firing)
     turned = np.mod(np.arctan2(points[:, 1], points[:, 0]), 2 * np.pi) / (2 * np.pi)
     np.testing.assert_allclose(points[:, 0], 20 - turned, atol=0.01)
+
+
+def sheet(x: float, material: str, label: int = classes.VEGETATION) -> Mesh:
+    """One face across the view ahead, `x` metres away."""
+    return mesh([(x, -40, -40), (x, 40, -40), (x, 40, 40), (x, -40, 40)], [(0, 1, 2), (0, 2, 3)], label, material)
+
+
+def seen(parts: list[Mesh], clutter: Clutter, **sensor: float) -> tuple[np.ndarray, np.ndarray]:
+    """What a scanner of level beams sees ahead: points and words."""
+    scanner = Rings(columns=2000, beams=tuple(np.linspace(1, -1, 20)), **sensor)
+    points, words = scanner.scan(
+        Target(join(parts), DEVICE), None, pose_at(z=0.0), np.random.default_rng(0), None, clutter
+    )
+    ahead = np.abs(points[:, 1]) < points[:, 0]
+    return points[ahead], words[ahead]
+
+
+def test_rays_pass_a_share_of_the_leaves_in_their_way_and_other_ones_in_every_scan() -> None:
+    """Of four leaves in a row shares 1 - p, p (1 - p), p^2 (1 - p) and the rest are met: three are passed at most."""
+    leaves = [sheet(x, "leaves") for x in (5.0, 6.0, 7.0, 8.0)]
+    wall = sheet(9.0, "plaster", classes.BUILDING)
+    points, words = seen([*leaves, wall], Clutter(porosity=0.5, grass=0, mixed=0, lost=0), noise=0.0, nearest=0.0)
+    met = np.round(points[:, 0]).astype(int)
+    returned = np.array([(met == x).sum() for x in (5, 6, 7, 8)]) / len(met)
+    np.testing.assert_allclose(returned, [0.5, 0.25, 0.125, 0.125], atol=0.015)
+    assert set(classes.semantic(words)) == {classes.VEGETATION}
+    points, words = seen([sheet(5.0, "leaves"), wall], Clutter(0.3, 0, 0, 0), noise=0.0)
+    assert (classes.semantic(words) == classes.BUILDING).mean() == pytest.approx(0.3, abs=0.02)
+    np.testing.assert_allclose(points[classes.semantic(words) == classes.BUILDING, 0], 9.0, atol=1e-4)
+    assert (seen([sheet(5.0, "twigs"), wall], Clutter(0.9, 0, 0, 0))[0][:, 0] < 6).all()
+    scene, rng = Target(join([sheet(5.0, "leaves"), wall]), DEVICE), np.random.default_rng(0)
+    first, second = (SENSOR.scan(scene, None, pose_at(z=0.0), rng, None, Clutter(0.5, 0, 0, 0))[1] for _ in range(2))
+    assert len(first) != len(second) or (first != second).any()
+
+
+def test_blades_of_grass_end_rays_before_the_ground_as_high_as_they_are() -> None:
+    lawn = box((-300, 300), (-300, 300), (-1.0, 0.0), classes.TERRAIN, "grass")
+    sensor = HDL64E(noise=0.0)
+    bare, _ = sensor.scan(Target(lawn, DEVICE), None, pose_at(), np.random.default_rng(0))
+    grown, _ = sensor.scan(
+        Target(lawn, DEVICE), None, pose_at(), np.random.default_rng(0), None, Clutter(0, 0.03, 0, 0)
+    )
+    np.testing.assert_allclose(bare[:, 2], -1.73, atol=1e-3)
+    near = np.hypot(grown[:, 0], grown[:, 1]) < 12  # further out a blade shortens a range by its most
+    height = grown[near, 2] + 1.73
+    assert height.min() > -1e-3
+    assert (height.mean(), height.std()) == pytest.approx((0.03, 0.03), rel=0.04)
+
+
+def test_ranges_on_edges_lie_between_both_sides_unless_these_are_far_apart() -> None:
+    step = [box((5.0, 5.1), (-40, 0), (-9, 9), classes.BUILDING, "plaster"), sheet(6.0, "plaster")]
+    points, _ = seen(step, Clutter(0, 0, mixed=1.0, lost=0), noise=0.0, nearest=0.0)
+    between = (points[:, 0] > 5.01) & (points[:, 0] < 5.99)
+    assert 10 <= between.sum() <= 20  # one of each beam's two rays on the edge
+    far = [step[0], sheet(9.0, "plaster")]
+    assert not (seen(far, Clutter(0, 0, 1.0, 0), noise=0.0)[0][:, 0] % 4 > 1.5).any()
+
+
+def test_returns_get_lost_as_often_as_asked() -> None:
+    wall = [sheet(5.0, "plaster")]
+    whole, some = (len(seen(wall, Clutter(0, 0, 0, lost))[0]) for lost in (0.0, 0.1))
+    assert some / whole == pytest.approx(0.9, abs=0.01)
+
+
+def test_clutter_differs_from_drive_to_drive() -> None:
+    drawn = [Clutter.draw(np.random.default_rng(k)) for k in range(20)]
+    for name in ("porosity", "grass", "mixed", "lost"):
+        values = [getattr(clutter, name) for clutter in drawn]
+        assert 0 <= min(values) < 0.5 * max(values) < max(values) < 0.7
