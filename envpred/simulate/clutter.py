@@ -33,7 +33,7 @@ class Clutter:
     @classmethod
     def draw(cls, rng: np.random.Generator) -> "Clutter":
         """That of one drive: season, wind and weather differ."""
-        return cls(rng.uniform(0.1, 0.6), rng.uniform(0.0, 0.04), rng.uniform(0.1, 0.5), rng.uniform(0.003, 0.012))
+        return cls(rng.uniform(0.15, 0.75), rng.uniform(0.0, 0.05), rng.uniform(0.1, 0.5), rng.uniform(0.003, 0.012))
 
 
 NO_CLUTTER = Clutter(0.0, 0.0, 0.0, 0.0)

@@ -14,6 +14,8 @@ FloatArray = NDArray[np.float64]
 # KITTI's car: the unit sits above the rear axle, left of the middle; the sensor as FACTS of the dataset give it.
 IMU_LEFT, IMU_HEIGHT = 0.32, 0.93
 IMU_TO_SENSOR = np.array([0.81, -0.32, 0.80])
+FIXES = 0.01  # seconds between the unit's fixes; a scan gets the last one before it
+_SLIP = 0.0034  # seconds by which KITTI's scans, 103.4 ms apart, move on against the fixes
 SENSOR_HEIGHT = IMU_HEIGHT + IMU_TO_SENSOR[2]
 _WHEELBASE, _TRACK = 2.71, 1.55
 _GRAVITY = 9.81
@@ -55,6 +57,18 @@ class EgoMotion:
         pose: FloatArray = self.pose[k] @ shift
         return pose
 
+    def earlier(self, lag: FloatArray) -> "EgoMotion":
+        """Where the body was `lag` (T,) seconds before each frame."""
+
+        def back(values: FloatArray) -> FloatArray:
+            changed: FloatArray = values - lag[:, None] * np.gradient(values, 1 / RATE, axis=0)
+            return changed
+
+        angles, pose = back(self.angles), self.pose.copy()
+        pose[:, :3, :3] = _rotation(angles)
+        pose[:, :3, 3] -= lag[:, None] * self.velocity
+        return EgoMotion(pose, angles, back(self.velocity), back(self.acceleration), back(self.rate))
+
 
 def drive_over(motion: Motion, terrain: Ground, first: int, frames: int, rng: np.random.Generator) -> EgoMotion:
     """The body's motion over `frames` from position `first` of a track on: wheels on the ground, body on springs."""
@@ -92,6 +106,12 @@ def drive_over(motion: Motion, terrain: Ground, first: int, frames: int, rng: np
     pose[:, :3, :3], pose[:, :3, 3] = rotation, place
     keep = slice(before, before + frames)
     return EgoMotion(pose[keep], angles[keep], velocity[keep], acceleration[keep], rate[keep])
+
+
+def fix_lags(frames: int, rng: np.random.Generator) -> FloatArray:
+    """Seconds (T,) by which each scan's fix is older than the scan, as in KITTI: poses beat against the scans."""
+    slipped = rng.uniform(0, FIXES) + _SLIP * np.arange(frames, dtype=np.float64)
+    return np.asarray(np.mod(slipped, FIXES), np.float64)
 
 
 def oxts_packets(ego: EgoMotion, rng: np.random.Generator) -> list[str]:

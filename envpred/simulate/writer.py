@@ -9,13 +9,14 @@ from numpy.typing import NDArray
 
 from envpred.drives.tracklets import HIDDEN, TRACKLETS, VISIBLE, Tracklet
 from envpred.simulate import tracklets
-from envpred.simulate.ego import IMU_TO_SENSOR, oxts_packets
+from envpred.simulate.ego import IMU_TO_SENSOR, fix_lags, oxts_packets
 from envpred.simulate.lidar import HDL64E
 from envpred.simulate.rays import Target
 from envpred.simulate.scene import Box, Scene
 from envpred.simulate.traffic import RATE
 
 DATE = "2020_01_01"
+TRUE_POSES = "poses.txt"  # sensor to world at every scan, a 3 x 4 matrix a line as in KITTI's odometry; OXTS is late
 
 
 def drive_name(number: int) -> str:
@@ -30,9 +31,12 @@ def write_drive(folder: Path, scene: Scene, sensor: HDL64E, number: int, rng: np
     for place in (data, truth, packets):
         place.mkdir(parents=True)
     start = datetime(2020, 1, 1, 8) + timedelta(minutes=10 * number)
-    _write_times(folder, start, scene.frames)
-    for k, line in enumerate(oxts_packets(scene.ego, rng)):
+    lags = fix_lags(scene.frames, rng)
+    _write_times(folder, start, lags)
+    for k, line in enumerate(oxts_packets(scene.ego.earlier(lags), rng)):
         (packets / f"{k:010d}.txt").write_text(line + "\n", encoding="utf-8")
+    true = [scene.ego.sensor_pose(k)[:3].ravel() for k in range(scene.frames)]
+    np.savetxt(folder / TRUE_POSES, true, fmt="%.6f")
     (folder / "oxts" / "dataformat.txt").write_text(_DATAFORMAT, encoding="utf-8")
 
     still, device = scene.targets()
@@ -69,15 +73,15 @@ def _follow(
         mine[-1].occlusion.append(VISIBLE if box.instance in hit else HIDDEN)
 
 
-def _write_times(folder: Path, start: datetime, frames: int) -> None:
+def _write_times(folder: Path, start: datetime, lags: NDArray[np.float64]) -> None:
     files = {
-        folder / "velodyne_points" / "timestamps_start.txt": -0.5 / RATE,
-        folder / "velodyne_points" / "timestamps.txt": 0.0,
-        folder / "velodyne_points" / "timestamps_end.txt": 0.5 / RATE,
-        folder / "oxts" / "timestamps.txt": 0.0,
+        folder / "velodyne_points" / "timestamps_start.txt": np.full(len(lags), -0.5 / RATE),
+        folder / "velodyne_points" / "timestamps.txt": np.zeros(len(lags)),
+        folder / "velodyne_points" / "timestamps_end.txt": np.full(len(lags), 0.5 / RATE),
+        folder / "oxts" / "timestamps.txt": -lags,
     }
-    for file, shift in files.items():
-        times = (start + timedelta(seconds=k / RATE + shift) for k in range(frames))
+    for file, shifts in files.items():
+        times = (start + timedelta(seconds=k / RATE + shift) for k, shift in enumerate(shifts.tolist()))
         file.write_text("".join(f"{t:%Y-%m-%d %H:%M:%S.%f}000\n" for t in times), encoding="utf-8")
 
 

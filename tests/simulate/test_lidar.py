@@ -254,4 +254,4 @@ def test_clutter_differs_from_drive_to_drive() -> None:
     drawn = [Clutter.draw(np.random.default_rng(k)) for k in range(20)]
     for name in ("porosity", "grass", "mixed", "lost"):
         values = [getattr(clutter, name) for clutter in drawn]
-        assert 0 <= min(values) < 0.5 * max(values) < max(values) < 0.7
+        assert 0 <= min(values) < 0.5 * max(values) < max(values) < 0.8

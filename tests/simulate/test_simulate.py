@@ -20,7 +20,7 @@ from envpred.simulate import classes
 from envpred.simulate.ego import SENSOR_HEIGHT
 from envpred.simulate.realism import figures, realism
 from envpred.simulate.run import simulate
-from envpred.simulate.writer import DATE, drive_name
+from envpred.simulate.writer import DATE, TRUE_POSES, drive_name
 from envpred.store import Store, StoredDrive
 
 DRIVES, FRAMES = 3, 8
@@ -37,6 +37,12 @@ def drives(tmp_path_factory: pytest.TempPathFactory) -> list[KittiDrive]:
 
 def words_of(drive: KittiDrive, frame: int) -> np.ndarray:
     return np.fromfile(drive.folder / "labels" / f"{frame:010d}.label", np.uint32)
+
+
+def true_poses(drive: KittiDrive) -> np.ndarray:
+    """(T, 4, 4) sensor to world at every scan, where OXTS has those of the last fix before it."""
+    rows = np.loadtxt(drive.folder / TRUE_POSES).reshape(-1, 3, 4)
+    return np.concatenate([rows, np.tile([[[0, 0, 0, 1.0]]], (len(rows), 1, 1))], axis=1)
 
 
 def digest(root: Path) -> dict[str, str]:
@@ -56,7 +62,7 @@ def test_pykitti_opens_a_drive(drives: list[KittiDrive]) -> None:
     pixel = data.calib.P_rect_20 @ data.calib.T_cam0_velo @ [20.0, 0, 0, 1]
     assert pixel[0] / pixel[2] == pytest.approx(621, abs=5)
     assert pixel[1] / pixel[2] == pytest.approx(187.5 - 720 * 0.08 / 19.7, abs=0.5)
-    assert (data.timestamps[1] - data.timestamps[0]).total_seconds() == pytest.approx(0.1)
+    assert (data.timestamps[1] - data.timestamps[0]).total_seconds() == pytest.approx(0.1, abs=0.007)
 
 
 def test_the_readers_agree_on_frames_and_times(drives: list[KittiDrive]) -> None:
@@ -78,14 +84,18 @@ def test_velocity_acceleration_and_rate_belong_to_the_poses(drives: list[KittiDr
         assert packets.shape == (FRAMES, 30)
         poses = drive.poses
         places = poses[:, :3, 3]
-        central = (places[2:] - places[:-2]) / 0.2
-        np.testing.assert_allclose(central[:, 0], packets[1:-1, 7], atol=2e-3)  # ve
-        np.testing.assert_allclose(central[:, 1], packets[1:-1, 6], atol=2e-3)  # vn
+        stamps = (drive.folder / "oxts" / "timestamps.txt").read_text().split("\n")[:FRAMES]
+        times = (np.array(stamps, "datetime64[ns]") - np.datetime64(stamps[0], "ns")) / np.timedelta64(1, "s")
+        passed = times[2:] - times[:-2]
+        assert not np.allclose(passed, 0.2, atol=1e-3)
+        central = (places[2:] - places[:-2]) / passed[:, None]
+        np.testing.assert_allclose(central[:, 0], packets[1:-1, 7], atol=0.015)  # ve; fixes come unevenly
+        np.testing.assert_allclose(central[:, 1], packets[1:-1, 6], atol=0.015)  # vn
         np.testing.assert_allclose(central[:, 2], packets[1:-1, 10], atol=2e-3)  # vu
         yaw = np.unwrap(packets[:, 5])
         np.testing.assert_allclose(packets[:, 8], np.cos(yaw) * packets[:, 7] + np.sin(yaw) * packets[:, 6], atol=1e-6)
         np.testing.assert_allclose(packets[:, 9], np.cos(yaw) * packets[:, 6] - np.sin(yaw) * packets[:, 7], atol=1e-6)
-        np.testing.assert_allclose((yaw[2:] - yaw[:-2]) / 0.2, packets[1:-1, 22], atol=3e-3)  # wu
+        np.testing.assert_allclose((yaw[2:] - yaw[:-2]) / passed, packets[1:-1, 22], atol=6e-3)  # wu
         # Force in the body frame turned into the level frame is the force there; at rest it is gravity.
         for row, pose in zip(packets, poses, strict=True):
             c, s = np.cos(row[5]), np.sin(row[5])
@@ -144,7 +154,7 @@ def test_the_points_of_an_object_lie_in_its_box(drives: list[KittiDrive]) -> Non
 
 def test_boxes_of_parked_cars_stand_still_in_the_world(drives: list[KittiDrive]) -> None:
     for drive in drives:
-        sensor = drive.poses @ drive.sensor_to_body()
+        sensor = true_poses(drive)
         for box in drive.tracklets():
             places = np.array([(sensor[box.first + j] @ [*p[:3], 1])[:3] for j, p in enumerate(box.poses)])
             assert np.hypot(*np.diff(places[:, :2], axis=0).T).max(initial=0) < 2.0  # nobody faster than 20 m/s
@@ -156,7 +166,7 @@ def test_moving_and_standing_classes_follow_the_boxes_speed(drives: list[KittiDr
     """An object's class is one and its moving twin; cars of the moving class have boxes that move, the others not."""
     judged = 0
     for drive in drives:
-        sensor = drive.poses @ drive.sensor_to_body()
+        sensor = true_poses(drive)
         boxes = [b for b in drive.tracklets() if b.kind == "Car"]
         for k in (2, 5):
             points, words = drive.scan(k), words_of(drive, k)
@@ -210,7 +220,8 @@ def test_cells_move_by_the_boxes_where_points_move_by_their_class(drives: list[K
             codes = stored.array("moving")[k][tuple(cells[within].T)]
             for code, kinds in {MOVES: classes.MOVING, STANDS: (classes.CAR, classes.BICYCLE)}.items():
                 mine = codes[np.isin(words[within], kinds)]
-                assert (mine == code).sum() >= 0.97 * len(mine), (drive.name, k, code, np.bincount(mine))
+                # One point may lie between an object's edge and what is behind it.
+                assert (mine == code).sum() >= 0.97 * len(mine) - 1, (drive.name, k, code, np.bincount(mine))
                 found[code] += len(mine)
     assert min(found.values()) > 100, found
 
