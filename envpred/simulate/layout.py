@@ -6,8 +6,10 @@ import numpy as np
 
 from envpred.simulate import furniture, models
 from envpred.simulate.mesh import FloatArray, Mesh
+from envpred.simulate.streets import BAY
 from envpred.simulate.terrain import CELL, MARGIN, Terrain
 from envpred.simulate.traffic import KINDS, LANES, Network
+from envpred.simulate.verges import BARRIERS, verge
 
 Span = tuple[float, float]
 
@@ -26,6 +28,7 @@ class Style:
     alley: float = 0.3  # share of pavements with a row of trees
     gardens: float = 0.7  # trees and bushes for each lot
     parked: float = 0.65  # share of a parking strip that is taken
+    wild: float = 65.0  # square metres of land without a building for each tree or bush
 
 
 STYLES = {
@@ -33,6 +36,11 @@ STYLES = {
     "residential": Style((2.5, 6.0), (9.0, 15.0), (3.0, 7.0), 0.7, (5.5, 9.0), 0.20, 0.85, 0.4, 5.2, 0.8),
     "boulevard": Style((1.5, 5.0), (12.0, 30.0), (3.0, 8.0), 0.6, (9.0, 18.0), 0.15, 0.7, 0.6, 7.0, 0.85),
     "suburb": Style((3.0, 7.0), (8.0, 14.0), (4.0, 10.0), 0.9, (4.5, 8.0), 0.22, 0.85, 0.4, 7.0, 0.75),
+    "rural": Style((6.0, 14.0), (9.0, 15.0), (6.0, 20.0), 0.9, (4.5, 7.5), 0.55, 0.5, 0.5, 6.0, 0.6, wild=160.0),
+    "arterial": Style((3.0, 9.0), (14.0, 34.0), (4.0, 14.0), 0.8, (6.0, 16.0), 0.30, 0.6, 0.7, 6.0, 0.6, wild=90.0),
+    "crescents": Style((2.5, 6.5), (8.0, 13.0), (3.0, 8.0), 0.9, (4.5, 8.0), 0.18, 0.85, 0.3, 6.0, 0.75),
+    "queues": Style((1.0, 5.0), (11.0, 26.0), (3.0, 8.0), 0.5, (8.0, 17.0), 0.18, 0.7, 0.5, 4.5, 0.85),
+    "car_park": Style((3.0, 9.0), (18.0, 40.0), (6.0, 20.0), 0.9, (6.0, 10.0), 0.5, 0.5, 0.5, 4.0, 0.7, wild=55.0),
 }
 
 
@@ -76,7 +84,9 @@ class Layout:
                 self._houses(line, width)
                 self._pavement(line, width)
             elif LANES[kind] == "parking":
-                self._parking(line)
+                self._parking(line, width)
+            elif LANES[kind] in ("driving", "cycleway"):
+                self._verge(line, width / 2)
         self._back_land()
 
     # One pavement at a time; `side` is metres away from the road, counted from the pavement's middle.
@@ -132,7 +142,7 @@ class Layout:
             if self._claim(place, heading, min(gap, 3.2), 5.5):
                 self._stand(furniture.house(min(gap, 3.2), 5.5, 2.6, 0.0, rng), place, heading + np.pi)
             if rng.random() < 0.5:
-                self._park(_beside(line, s + gap / 2, edge + 3.2), np.pi / 2)
+                self._park(_beside(line, s + gap / 2, edge + 3.2), np.pi / 2, claim=True)
 
     def _barrier(self, kind: str, line: FloatArray, s: float, length: float, side: float, height: float) -> None:
         """A hedge, wall or fence in pieces that follow the street."""
@@ -178,25 +188,44 @@ class Layout:
             else:
                 self._add(Parked("person", 0.5, 0.6, True, place, rng.uniform(-np.pi, np.pi)))
 
-    def _parking(self, line: FloatArray) -> None:
+    def _verge(self, line: FloatArray, edge: float) -> None:
+        """Along a road that borders on land; nothing where a pavement or another lane lies beside it."""
+        length = _length(line)
+        beside = self.terrain.cell(np.array([_beside(line, s, edge + 1.2)[0] for s in np.arange(0, length, 4.0)]))
+        if self.taken[beside[:, 0], beside[:, 1]].mean() > 0.5:
+            return
+        for it in verge(length, self.rng):
+            place, heading = _beside(line, it.along, edge + it.side)
+            if it.kind == "house":
+                self._house(line, it.along, it.length, edge + it.side, 11.0)
+            elif it.kind in BARRIERS:
+                self._barrier(it.kind, line, it.along, it.length, edge + it.side, it.height)
+            elif not self._blocked(place, 0.0, 0.5, 0.5):
+                self._stand(it.model(self.rng), place, heading + np.pi)
+
+    def _parking(self, line: FloatArray, width: float) -> None:
         rng, length = self.rng, _length(line)
         s = rng.uniform(1, 6)
         while s < length - 6:
-            if rng.random() < self.style.parked:
+            if width >= BAY:
+                if rng.random() < self.style.parked:
+                    self._park(_beside(line, s + 1.3, rng.normal(0, 0.15)), rng.normal(np.pi / 2, 0.02))
+                s += 2.6
+            elif rng.random() < self.style.parked:
                 s += self._park(_beside(line, s + 2.6, rng.normal(0, 0.12)), rng.normal(0, 0.02)) + rng.uniform(
                     0.5, 1.8
                 )
             else:
                 s += rng.uniform(3, 8)
 
-    def _park(self, where: tuple[tuple[float, float], float], turn: float) -> float:
+    def _park(self, where: tuple[tuple[float, float], float], turn: float, claim: bool = False) -> float:
         """Parks a car or van at a place and heading; returns its length."""
         rng = self.rng
         kind = "van" if rng.random() < 0.12 else "car"
         length = rng.uniform(4.9, 5.6) if kind == "van" else rng.uniform(3.6, 4.8)
         width = 1.98 if kind == "van" else 1.62 + 0.12 * (length - 3.6)
         heading = where[1] + turn + (np.pi if turn > 1 and rng.random() < 0.5 else 0)
-        if turn < 1 or self._claim(where[0], heading, length, width):
+        if not claim or self._claim(where[0], heading, length, width):
             self._add(Parked(kind, round(length, 1), round(width, 2), rng.random() < 0.5, where[0], heading))
         return length
 
@@ -212,9 +241,9 @@ class Layout:
             self._stand(furniture.bush(rng.uniform(0.5, 1.3), rng.uniform(0.6, 2.0), rng), place, 0.0)
 
     def _back_land(self) -> None:
-        """Trees and bushes away from the streets, tried at every 65 square metres."""
+        """Trees and bushes away from the streets, tried at every `wild` square metres."""
         extent = np.array(self.terrain.shape) * CELL
-        for place in self.rng.uniform(0, 1, (int(extent.prod() / 65), 2)) * extent + self.terrain.origin:
+        for place in self.rng.uniform(0, 1, (int(extent.prod() / self.style.wild), 2)) * extent + self.terrain.origin:
             self._plant((float(place[0]), float(place[1])))
 
     # Claims on the ground.

@@ -71,8 +71,9 @@ def _write_trips(town: Town, net: Path, seed: int, seconds: float, sumolib: Any)
     """Cars, bicycles and people that start at random times between random streets; some cars stop on the way."""
     rng = np.random.default_rng(seed)
     edges = [e for e in sumolib.net.readNet(str(net)).getEdges() if e.allows("passenger")]
+    paved = [e for e in edges if e.allows("pedestrian")]
     root = ET.Element("routes")
-    share = np.array([t[2] for t in _TYPES])
+    share = np.array([t[2] * (town.cycles if t[1] == "bicycle" else 1.0) for t in _TYPES])
     for k, (group, _, _, length, width, factor) in enumerate(_TYPES):
         ET.SubElement(
             root,
@@ -89,11 +90,14 @@ def _write_trips(town: Town, net: Path, seed: int, seconds: float, sumolib: Any)
         )
     area = len(edges) / 100
     starts: list[tuple[float, str, int]] = []
-    starts += [(float(t), "vehicle", 0) for t in rng.uniform(0, seconds, int(seconds * 0.62 * area))]
-    starts += [(float(t), "person", 0) for t in rng.uniform(0, seconds, int(seconds * 0.4 * area))]
+    starts += [(float(t), "vehicle", 0) for t in rng.uniform(0, seconds, int(seconds * 0.62 * area * town.traffic))]
+    if len(paved) > 1:
+        people = int(seconds * 0.4 * area * town.walkers)
+        starts += [(float(t), "person", 0) for t in rng.uniform(0, seconds, people)]
     for k, (t, what, _) in enumerate(sorted(starts)):
-        a, b = rng.choice(len(edges), 2, replace=False)
-        source, target = edges[a].getID(), edges[b].getID()
+        able = paved if what == "person" else edges
+        a, b = rng.choice(len(able), 2, replace=False)
+        source, target = able[a].getID(), able[b].getID()
         if what == "person":
             person = ET.SubElement(root, "person", id=f"p{k}", depart=f"{t:.1f}", departPos="random")
             ET.SubElement(person, "walk", {"from": source, "to": target, "speed": f"{rng.uniform(0.9, 1.7):.2f}"})
