@@ -116,6 +116,7 @@ class Asked(Struct):
     seed: Count
     beams: Count
     recording: Line
+    mix: Line
 
 
 def recording(names: Sequence[str]) -> Mapping[str, ArraySchema]:

@@ -15,6 +15,7 @@ def simulate(
     workers: int | None = None,
     recording: Path | None = None,
     beams: int = 64,
+    mix: str = "default",
 ) -> None:
     """Write simulated drives with known truth in KITTI raw's layout.
 
@@ -27,13 +28,14 @@ def simulate(
         workers: local processes; by default one a core.
         recording: traffic recorded with SUMO; by default the one that comes with envpred.
         beams: of the scanner: 16, 32, 64 (KITTI's) or 128.
+        mix: towns that drives lie in: default (all), towns (without open country), or a list such as rural=2,suburb=1.
     """
     from envpred.simulate.presets import PRESETS
     from envpred.simulate.run import simulate as write_drives
 
     named = PRESETS[preset]
     drives = named.drives if drives is None else drives
-    write_drives(out, drives, named.frames if frames is None else frames, seed, workers, recording, beams)
+    write_drives(out, drives, named.frames if frames is None else frames, seed, workers, recording, beams, mix)
 
 
 def record(out: Path, seconds: float = 300.0, seed: int = 1) -> None:

@@ -19,7 +19,7 @@ from envpred.gate import read_json
 from envpred.gate.stores import Asked
 from envpred.simulate import scene as scenes
 from envpred.simulate.lidar import HDL64E, SENSORS
-from envpred.simulate.presets import SCAN_BYTES, pace, plan, town
+from envpred.simulate.presets import SCAN_BYTES, mixed, pace, plan, town, weights_of
 from envpred.simulate.traffic import Recording
 from envpred.simulate.writer import DATE, drive_name, write_calibration, write_drive
 from envpred.store.files import digest, write_json
@@ -50,11 +50,13 @@ def simulate(
     workers: int | None = None,
     recording: Path | None = None,
     beams: int = 64,
+    mix: str = "default",
 ) -> None:
     """Writes simulated drives in KITTI raw's layout to `out`/<date>/<date>_drive_<number>_sync.
 
-    A drive depends on `seed`, its number, `frames`, `beams` and the recording alone, not on `drives` or `workers`.  It
-    is written beside its place and moved there when it is whole; the same command makes those that are not there yet.
+    A drive depends on `seed`, its number, `frames`, `beams`, the recording and the mix alone, not on `drives` or
+    `workers`.  It is written beside its place and moved there when it is whole; the same command makes those that are
+    not there yet.
 
     Args:
         out: folder that is not there yet, is empty, or holds drives that were simulated alike.
@@ -64,18 +66,21 @@ def simulate(
         workers: drives at work at once; by default one a core.
         recording: traffic of `record.record`; by default the one that comes with the package.
         beams: of the scanner, one of `SENSORS`.
+        mix: towns that drives lie in, see `presets.weights_of`.
 
     Raises:
-        UserError: if a number makes no sense, `out` holds something else or is being written, the recording is unknown
-            or too short, or the disk is full.
+        UserError: if a number or the mix makes no sense, `out` holds something else or is being written, the recording
+            is unknown or too short, or the disk is full.
     """
     out = Path(out)
     _check(drives, frames, seed, workers, beams)
     source = recording or builtin_recording()
     recorded = Recording.load(source)
-    towns = _able_towns(recorded, frames)
+    names = [network.name for network in recorded.networks]
+    wanted = weights_of(mix, names)
+    weights = {k: wanted[k] for k in _able_towns(recorded, list(wanted), frames)}
     made_from = hashlib.sha256(source.read_bytes()).hexdigest()[:16]
-    asked = {"frames": frames, "seed": seed, "beams": beams, "recording": made_from}
+    asked = {"frames": frames, "seed": seed, "beams": beams, "recording": made_from, "mix": mixed(wanted, names)}
     _check_folder(out, asked)
     day = out / DATE
     planned = [Planned(k, drive_name(k), list(range(frames))) for k in range(1, drives + 1)]
@@ -84,8 +89,7 @@ def simulate(
     if not todo:
         print(done)
         return
-    names = [network.name for network in recorded.networks]
-    for line in plan(drives, frames, seed, towns, names, digest({"drives": drives, **asked})):
+    for line in plan(drives, frames, seed, weights, names, digest({"drives": drives, **asked})):
         say(line)
     _check_disk(out, len(todo) * frames * SCAN_BYTES)
     with _one_line_for_disk_errors(out), _alone(out):
@@ -96,7 +100,7 @@ def simulate(
         _clear(day)
         if len(todo) < drives:
             say(f"{len(todo)} drives to simulate, {drives - len(todo)} of {drives} in {out} already")
-        job = functools.partial(_attempt, day=day, seed=seed, source=source, towns=towns, beams=beams)
+        job = functools.partial(_attempt, day=day, seed=seed, source=source, weights=weights, beams=beams)
         try:
             run_jobs(job, todo, "simulating", workers, None)
         finally:
@@ -153,13 +157,13 @@ def _check(drives: int, frames: int, seed: int, workers: int | None, beams: int)
         raise UserError(f"--workers {workers}: give at least 1, or leave it out for one a core")
 
 
-def _able_towns(recording: Recording, frames: int) -> list[int]:
-    """Numbers of the towns where a car drives for so many frames."""
-    longest = [network.longest(recording.interval) for network in recording.networks]
-    able = [k for k, frames_there in enumerate(longest) if frames_there >= frames]
+def _able_towns(recording: Recording, towns: list[int], frames: int) -> list[int]:
+    """Those of the `towns` (numbers) where a car drives for so many frames."""
+    longest = {k: recording.networks[k].longest(recording.interval) for k in towns}
+    able = [k for k, frames_there in longest.items() if frames_there >= frames]
     if not able:
         raise UserError(
-            f"--frames {frames}: no car of the recording drives that long (longest: {max(longest, default=0)} frames); "
+            f"--frames {frames}: no car of the recording drives that long (longest: {max(longest.values())} frames); "
             "ask for fewer frames, or record more seconds of traffic and give it as --recording"
         )
     return able
@@ -188,11 +192,18 @@ def _one_line_for_disk_errors(place: Path) -> Iterator[None]:
 
 
 def _attempt(
-    drive: Planned, on_frame: Callable[[], None], *, day: Path, seed: int, source: Path, towns: list[int], beams: int
+    drive: Planned,
+    on_frame: Callable[[], None],
+    *,
+    day: Path,
+    seed: int,
+    source: Path,
+    weights: dict[int, float],
+    beams: int,
 ) -> str | None:
     """Simulate one drive; a failure that the user can mend comes back as its line, so that other drives go on."""
     try:
-        _drive(day, drive.number, len(drive.frames), seed, source, towns, on_frame, SENSORS[beams])
+        _drive(day, drive.number, len(drive.frames), seed, source, weights, on_frame, SENSORS[beams])
     except UserError as error:
         return str(error)
     return None
@@ -204,13 +215,13 @@ def _drive(
     frames: int,
     seed: int,
     source: Path,
-    towns: list[int],
+    weights: dict[int, float],
     on_frame: Callable[[], None] = lambda: None,
     sensor: HDL64E = SENSORS[64],
 ) -> None:
     """Builds, casts and writes one drive."""
     rng = np.random.default_rng([seed, number])
-    network = town(seed, number, towns)
+    network = town(seed, number, weights)
     recording = Recording.load(source)
     scene = scenes.build(recording, network, recording.motions(network), frames, pace(seed, number), rng)
     final = day / drive_name(number)

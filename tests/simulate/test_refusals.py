@@ -65,8 +65,10 @@ def test_a_drive_longer_than_the_recording_names_the_longest(tmp_path: Path) -> 
 def test_long_drives_are_made_where_a_car_drives_that_long() -> None:
     recording = Recording.load(run.builtin_recording())
     longest = [network.longest(recording.interval) for network in recording.networks]
-    assert run._able_towns(recording, 2) == list(range(len(longest)))
-    assert run._able_towns(recording, max(longest)) == [int(np.argmax(longest))]
+    towns = list(range(len(longest)))
+    assert run._able_towns(recording, towns, 2) == towns
+    assert run._able_towns(recording, towns, max(longest)) == [int(np.argmax(longest))]
+    assert run._able_towns(recording, [1], 2) == [1]
     cars = [m for m in recording.motions(0) if KINDS[m.kind] == "car"]
     assert max(len(m.speed) for m in cars) == longest[0]
 
@@ -84,5 +86,5 @@ def test_a_full_disk_leaves_no_half_drive(tmp_path: Path, monkeypatch: pytest.Mo
     monkeypatch.setattr(HDL64E, "scan", full)
     source = run.builtin_recording()
     with pytest.raises(UserError, match="no space left"):
-        run._drive(tmp_path, 1, 5, 0, source, [0])
+        run._drive(tmp_path, 1, 5, 0, source, {0: 1.0})
     assert os.listdir(tmp_path) == []
