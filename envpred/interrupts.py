@@ -83,6 +83,7 @@ def raised() -> Iterator[None]:
 
     sys.unraisablehook = again
     _since.clear()
+    _told.clear()
     _followed.append(Event())
     try:
         with handled(_raise):
@@ -92,9 +93,20 @@ def raised() -> Iterator[None]:
         sys.unraisablehook = hook
 
 
+_told: list[str] = []  # the line that says how the command ended, once it is said
+
+
+def tell(line: str) -> None:
+    """Say how the command ended; a signal that comes after it ends the process without another line."""
+    with held():
+        _told.append(line)
+        print(line, file=sys.stderr, flush=True)
+
+
 def end_at_once(signum: int, frame: FrameType | None) -> NoReturn:
     """End the process where it stands, as a handler of either signal."""
-    os.write(2, f"{MESSAGE}\n".encode())
+    if not _told:
+        os.write(2, f"{MESSAGE}\n".encode())
     os._exit(128 + signum)
 
 

@@ -118,7 +118,11 @@ def test_the_exit_code_of_what_is_done_stands(number: int) -> None:
 def test_a_signal_that_comes_twice_is_one_and_one_that_comes_later_ends_at_once(number: int) -> None:
     """As `timeout` sends it, to the process and to its group; and as somebody presses Ctrl-C who cannot wait."""
     assert run(AGAIN.replace("TIMES", "0.0"), number) == (128 + number, "put in order\n", "")
-    assert run(AGAIN.replace("TIMES", "1.1"), number) == (128 + number, "", f"{MESSAGE}\n")
+    late = AGAIN.replace("TIMES", "1.1")
+    assert run(late, number) == (128 + number, "", f"{MESSAGE}\n")
+    # Once the command has said how it ended, nothing more is said.
+    told = late.replace("        time.sleep(", "        interrupts.tell('what was saved')\n        time.sleep(")
+    assert run("from envpred import interrupts\n" + told, number) == (128 + number, "", "what was saved\n")
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

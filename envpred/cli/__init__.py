@@ -13,7 +13,7 @@ from typing import NoReturn
 from envpred import interrupts
 from envpred.cli.surroundings import check_spelt, current_folder, in_one_line, in_utf8
 from envpred.errors import UserError
-from envpred.interrupts import MESSAGE, ends_at_once, exit_code, raised
+from envpred.interrupts import MESSAGE, ends_at_once, exit_code, raised, tell
 
 
 def program() -> NoReturn:
@@ -35,7 +35,7 @@ def main(args: list[str] | None = None) -> None:
         print(f"envpred: {error}", file=sys.stderr)
         sys.exit(1)
     except KeyboardInterrupt as interrupt:
-        print(MESSAGE, file=sys.stderr)
+        tell(MESSAGE)
         sys.exit(exit_code(interrupt))
 
 

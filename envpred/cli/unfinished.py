@@ -12,7 +12,7 @@ from lightning.pytorch.callbacks import ModelCheckpoint
 from lightning.pytorch.trainer.states import TrainerFn
 from lightning.pytorch.utilities.exceptions import SIGTERMException
 
-from envpred.interrupts import MESSAGE, Terminated, exit_code, heed, noted
+from envpred.interrupts import MESSAGE, Terminated, exit_code, heed, noted, tell
 from envpred.models.checkpoints import read_checkpoint
 
 
@@ -29,7 +29,7 @@ def told_if_ended(trainer: Trainer) -> Iterator[None]:
             yield
     except (KeyboardInterrupt, SIGTERMException) as ended:
         if trainer.is_global_zero:
-            print(_line(trainer), file=sys.stderr, flush=True)
+            tell(_line(trainer))
         interrupt = ended if isinstance(ended, KeyboardInterrupt) else Terminated()  # of another process of a training
         sys.exit(exit_code(interrupt))
 

@@ -89,8 +89,8 @@ def test_velocity_acceleration_and_rate_belong_to_the_poses(drives: list[KittiDr
         passed = times[2:] - times[:-2]
         assert not np.allclose(passed, 0.2, atol=1e-3)
         central = (places[2:] - places[:-2]) / passed[:, None]
-        np.testing.assert_allclose(central[:, 0], packets[1:-1, 7], atol=0.015)  # ve; fixes come unevenly
-        np.testing.assert_allclose(central[:, 1], packets[1:-1, 6], atol=0.015)  # vn
+        np.testing.assert_allclose(central[:, 0], packets[1:-1, 7], atol=0.02)  # ve; fixes come unevenly
+        np.testing.assert_allclose(central[:, 1], packets[1:-1, 6], atol=0.02)  # vn
         np.testing.assert_allclose(central[:, 2], packets[1:-1, 10], atol=2e-3)  # vu
         yaw = np.unwrap(packets[:, 5])
         np.testing.assert_allclose(packets[:, 8], np.cos(yaw) * packets[:, 7] + np.sin(yaw) * packets[:, 6], atol=1e-6)
