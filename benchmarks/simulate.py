@@ -1,4 +1,4 @@
-"""Simulated scans a second, rays, labels, boxes and files: on one core, and on two at once.  Promise: at least 20 and 30.
+"""Simulated scans a second (rays, labels, boxes, files), on one core and on two at once.  Promise: at least 20 and 30.
 
 python -m benchmarks.simulate [--scans 150]
 """
@@ -36,8 +36,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--scans", type=int, default=150, help="scans in each town (a drive by default has 150)")
     scans = parser.parse_args().scans
-    names = [network.name for network in Recording.load(builtin_recording()).networks]
-    able = [k for k, n in enumerate(Recording.load(builtin_recording()).networks) if n.longest(0.5) >= scans]
+    recording = Recording.load(builtin_recording())
+    names = [network.name for network in recording.networks]
+    able = [k for k, n in enumerate(recording.networks) if n.longest(recording.interval) >= scans]
     print(f"{'town':20}{'build (s)':>10}{'scans/s':>9}{'of promise':>12}{'points a scan':>15}")
     rates = []
     for network in able:
