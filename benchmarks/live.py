@@ -1,6 +1,6 @@
 """Times a stream stage by stage on a recorded drive: scan, ground, label, evidence, velocities, forecast.
 
-    python -m benchmarks.live KITTI_ROOT [--drive NAME] [--config rollout] [--threads 2] [--rounds 2] [--long 0]
+    python -m benchmarks.live KITTI_ROOT [--drive NAME] [--config rollout | --weights corrected_rollout] [--long 0]
 
 The promises, on two cores, 15 horizons, scans in memory, for the rollout: half of the scans are forecast within 60 ms
 and 99 of 100 within 100 ms, KITTI's rate; the rollout alone within 40 ms, half of them.  `--long 10000` sends so many
@@ -70,14 +70,15 @@ def main() -> None:
     parser.add_argument("--drive")
     parser.add_argument("--config", default="rollout")
     parser.add_argument("--ckpt_path")
+    parser.add_argument("--weights", help="that ship, in place of --config")
     parser.add_argument("--threads", type=int, default=2)
     parser.add_argument("--rounds", type=int, default=2)
     parser.add_argument("--long", type=int, default=0)
     given = parser.parse_args()
     torch.set_num_threads(given.threads)
     drive = one_drive(given.source, given.drive)
-    fit = [] if given.ckpt_path else [f"--config={given.config}"]
-    forecaster = chosen_forecaster(fit, given.ckpt_path)
+    fit = [] if given.ckpt_path or given.weights else [f"--config={given.config}"]
+    forecaster = chosen_forecaster(fit, given.ckpt_path, given.weights)
     stages(forecaster, drive, given.rounds)
     if given.long:
         drift(forecaster, drive, given.long)

@@ -28,6 +28,7 @@ def live(
     source: Path,
     fit: list[str],
     drive: str | None = None,
+    weights: str | None = None,
     ckpt_path: str | None = None,
     out: list[Path] | None = None,
     pace: Literal["fast", "sensor"] = "fast",
@@ -44,6 +45,7 @@ def live(
         source: folder of a drive, or with drives.
         fit: options of `envpred fit` that say which forecaster (--config rollout, --model.*).
         drive: name of the drive; by default the first.
+        weights: which forecaster, trained: one that ships, by name (`envpred configs`), or a folder of your own.
         ckpt_path: checkpoint to take weights from; best or last, those of the newest fit of this model and variant;
             alone, it says which forecaster.
         out: what to write, by the ending: a page that plays the replay (.html), a recording for Rerun (.rrd, extra
@@ -68,7 +70,7 @@ def live(
         from envpred.live.replay import Latency, replay, warmed
         from envpred.live.stream import Stream
 
-    forecaster = chosen_forecaster(fit, ckpt_path)
+    forecaster = chosen_forecaster(fit, ckpt_path, weights)
 
     def make() -> Stream:
         options = {"grid": grid, "context": context, "velocities": particles, "delay": delay}
