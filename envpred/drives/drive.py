@@ -14,6 +14,8 @@ from envpred.errors import UserError
 from envpred.mapping.geometry import PAPER_BODY, PAPER_SENSOR_HEIGHT, PAPER_SENSOR_OFFSET, Body, FloatArray, GridSpec
 from envpred.mapping.period import is_gap, nominal
 
+SETTINGS = "envpred.yaml"  # what a user writes about a drive of their own, in its folder
+
 
 class Drive(ABC):
     """A LiDAR recording: `frames` are the frame numbers that have both a scan and a pose, in order.

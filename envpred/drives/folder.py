@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from envpred.drives.axes import CAR, rotation_of
-from envpred.drives.drive import Drive, named
+from envpred.drives.drive import SETTINGS, Drive, named
 from envpred.drives.estimated import by_whom, estimate
 from envpred.drives.pose_track import PoseTrack
 from envpred.drives.scan_folder import ScanFolder, Sweep
@@ -23,7 +23,6 @@ from envpred.mapping.deskew import deskew
 from envpred.mapping.geometry import PAPER_BODY, Body, FloatArray, GridSpec
 from envpred.mapping.trajectory import poses_at
 
-SETTINGS = "envpred.yaml"
 REMEDY = "mend it as docs/own_data.md says"
 AROUND = 2.0  # periods before and after a scan whose poses straighten it
 

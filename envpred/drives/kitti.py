@@ -14,7 +14,7 @@ import numpy as np
 import pykitti.utils
 from numpy.typing import NDArray
 
-from envpred.drives.drive import Drive, named, read_points
+from envpred.drives.drive import SETTINGS, Drive, named, read_points
 from envpred.drives.plausible import check_rotation
 from envpred.drives.tracklets import TRACKLETS, Tracklet, read_tracklets
 from envpred.errors import UserError, short
@@ -38,9 +38,10 @@ NOWHERE = 1e-6  # degrees around latitude and longitude 0, which receivers write
 
 
 def find(root: Path) -> list[Drive]:
-    """KITTI raw drives at, in, or one date folder below `root`."""
+    """KITTI raw drives at, in, or one date folder below `root`; where a YAML says what a drive is, that holds."""
     places: Iterable[Path] = chain([root], root.glob("*"), root.glob("*/*"))
-    return [KittiDrive(place) for place in places if (place / "velodyne_points" / "data").is_dir()]
+    drives = (place for place in places if (place / "velodyne_points" / "data").is_dir())
+    return [KittiDrive(place) for place in drives if not (place / SETTINGS).exists()]
 
 
 class KittiDrive(Drive):

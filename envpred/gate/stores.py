@@ -117,6 +117,7 @@ class Asked(Struct):
     beams: Count
     recording: Line
     mix: Line
+    swept: bool = False
 
 
 def recording(names: Sequence[str]) -> Mapping[str, ArraySchema]:

@@ -16,6 +16,7 @@ def simulate(
     recording: Path | None = None,
     beams: int = 64,
     mix: str = "default",
+    swept: bool = False,
 ) -> None:
     """Write simulated drives with known truth in KITTI raw's layout.
 
@@ -29,13 +30,14 @@ def simulate(
         recording: traffic recorded with SUMO; by default the one that comes with envpred.
         beams: of the scanner: 16, 32, 64 (KITTI's) or 128.
         mix: towns that drives lie in: default (all), towns (without open country), or a list such as rural=2,suburb=1.
+        swept: whether the ego moves on while the sensor turns, as in scans that nobody has corrected.
     """
     from envpred.simulate.presets import PRESETS
     from envpred.simulate.run import simulate as write_drives
 
     named = PRESETS[preset]
     drives = named.drives if drives is None else drives
-    write_drives(out, drives, named.frames if frames is None else frames, seed, workers, recording, beams, mix)
+    write_drives(out, drives, named.frames if frames is None else frames, seed, workers, recording, beams, mix, swept)
 
 
 def record(out: Path, seconds: float = 300.0, seed: int = 1) -> None:

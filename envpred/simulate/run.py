@@ -51,6 +51,7 @@ def simulate(
     recording: Path | None = None,
     beams: int = 64,
     mix: str = "default",
+    swept: bool = False,
 ) -> None:
     """Writes simulated drives in KITTI raw's layout to `out`/<date>/<date>_drive_<number>_sync.
 
@@ -67,6 +68,7 @@ def simulate(
         recording: traffic of `record.record`; by default the one that comes with the package.
         beams: of the scanner, one of `SENSORS`.
         mix: towns that drives lie in, see `presets.weights_of`.
+        swept: whether the ego moves on while the sensor turns.
 
     Raises:
         UserError: if a number or the mix makes no sense, `out` holds something else or is being written, the recording
@@ -81,6 +83,7 @@ def simulate(
     weights = {k: wanted[k] for k in _able_towns(recorded, list(wanted), frames)}
     made_from = hashlib.sha256(source.read_bytes()).hexdigest()[:16]
     asked = {"frames": frames, "seed": seed, "beams": beams, "recording": made_from, "mix": mixed(wanted, names)}
+    asked |= {"swept": True} if swept else {}
     _check_folder(out, asked)
     day = out / DATE
     planned = [Planned(k, drive_name(k), list(range(frames))) for k in range(1, drives + 1)]
@@ -100,7 +103,7 @@ def simulate(
         _clear(day)
         if len(todo) < drives:
             say(f"{len(todo)} drives to simulate, {drives - len(todo)} of {drives} in {out} already")
-        job = functools.partial(_attempt, day=day, seed=seed, source=source, weights=weights, beams=beams)
+        job = functools.partial(_attempt, day=day, seed=seed, source=source, weights=weights, beams=beams, swept=swept)
         try:
             run_jobs(job, todo, "simulating", workers, None)
         finally:
@@ -114,7 +117,8 @@ def _check_folder(out: Path, asked: dict[str, object]) -> None:
         return
     if not (out / ASKED).exists():
         raise UserError(f"{out} holds something already: give a folder that is not there yet, or empty it")
-    told = read_json(out / ASKED, Asked, "give another folder")
+    frozen = {"swept": False}  # which nobody has to say
+    told, asked = frozen | read_json(out / ASKED, Asked, "give another folder"), frozen | asked
     if told != asked:
         differs = [
             f"{name} {printable(str(told.get(name)))} there, {value} asked"
@@ -200,10 +204,11 @@ def _attempt(
     source: Path,
     weights: dict[int, float],
     beams: int,
+    swept: bool,
 ) -> str | None:
     """Simulate one drive; a failure that the user can mend comes back as its line, so that other drives go on."""
     try:
-        _drive(day, drive.number, len(drive.frames), seed, source, weights, on_frame, SENSORS[beams])
+        _drive(day, drive.number, len(drive.frames), seed, source, weights, on_frame, SENSORS[beams], swept)
     except UserError as error:
         return str(error)
     return None
@@ -218,6 +223,7 @@ def _drive(
     weights: dict[int, float],
     on_frame: Callable[[], None] = lambda: None,
     sensor: HDL64E = SENSORS[64],
+    swept: bool = False,
 ) -> None:
     """Builds, casts and writes one drive."""
     rng = np.random.default_rng([seed, number])
@@ -229,7 +235,7 @@ def _drive(
     with _one_line_for_disk_errors(final):
         shutil.rmtree(unfinished, ignore_errors=True)
         try:
-            for _ in write_drive(unfinished, scene, sensor, number, rng):
+            for _ in write_drive(unfinished, scene, sensor, number, rng, swept):
                 on_frame()
             unfinished.rename(final)
         except BaseException:

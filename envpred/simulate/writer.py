@@ -7,9 +7,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from envpred.drives.drive import SETTINGS
 from envpred.drives.tracklets import HIDDEN, TRACKLETS, VISIBLE, Tracklet
+from envpred.mapping.trajectory import poses_at
 from envpred.simulate import tracklets
-from envpred.simulate.ego import IMU_TO_SENSOR, fix_lags, oxts_packets
+from envpred.simulate.ego import IMU_TO_SENSOR, SENSOR_HEIGHT, fix_lags, oxts_packets
 from envpred.simulate.lidar import HDL64E
 from envpred.simulate.rays import Target
 from envpred.simulate.scene import Box, Scene
@@ -24,8 +26,13 @@ def drive_name(number: int) -> str:
     return f"{DATE}_drive_{number:04d}_sync"
 
 
-def write_drive(folder: Path, scene: Scene, sensor: HDL64E, number: int, rng: np.random.Generator) -> Iterator[int]:
-    """Casts and writes a drive's scans one by one into `folder`; yields the number of points of each."""
+def write_drive(
+    folder: Path, scene: Scene, sensor: HDL64E, number: int, rng: np.random.Generator, swept: bool = False
+) -> Iterator[int]:
+    """Casts and writes a drive's scans one by one into `folder`; yields the number of points of each.
+
+    Where the scans are `swept` the ego moves on while the sensor turns, and an `envpred.yaml` says how to mend that.
+    """
     data, truth = folder / "velodyne_points" / "data", folder / "labels"
     packets = folder / "oxts" / "data"
     for place in (data, truth, packets):
@@ -39,18 +46,28 @@ def write_drive(folder: Path, scene: Scene, sensor: HDL64E, number: int, rng: np
     np.savetxt(folder / TRUE_POSES, true, fmt="%.6f")
     (folder / "oxts" / "dataformat.txt").write_text(_DATAFORMAT, encoding="utf-8")
 
+    if swept:
+        (folder / SETTINGS).write_text(_SWEPT, encoding="utf-8")
     still, device = scene.targets()
     seen: dict[int, list[Tracklet]] = {}
     for k in range(scene.frames):
         moving = scene.moving(k)
         pose = scene.ego.sensor_pose(k)
-        points, words = sensor.scan(still, Target(moving, device) if moving else None, pose, rng, None, scene.clutter)
+        firing = _firings(scene, sensor, k) if swept else None
+        points, words = sensor.scan(still, Target(moving, device) if moving else None, pose, rng, firing, scene.clutter)
         points.tofile(data / f"{k:010d}.bin")
         words.tofile(truth / f"{k:010d}.label")
         _follow(seen, scene.boxes(k), k, np.asarray(np.linalg.inv(pose), np.float64), words)
         yield len(points)
     kept = [t for object_ in seen.values() for whole in object_ if (t := tracklets.trim(whole))]
     tracklets.write(folder / TRACKLETS, kept)
+
+
+def _firings(scene: Scene, sensor: HDL64E, frame: int) -> NDArray[np.float64]:
+    """Poses (columns, 4, 4) of the sensor at every firing of a turn whose middle is the frame's moment."""
+    times = np.arange(scene.frames, dtype=np.float64) / RATE
+    when = times[frame] + (sensor.azimuth / (2 * np.pi) - 0.5) / RATE
+    return poses_at(when, times, np.stack([scene.ego.sensor_pose(k) for k in range(scene.frames)]))
 
 
 def _follow(
@@ -117,6 +134,14 @@ def _cameras() -> str:
 def _row(values: NDArray[np.float64]) -> str:
     return " ".join(f"{v:.6e}" for v in np.ravel(values) + 0.0)
 
+
+_SWEPT = f"""# Scans as they left the sensor: the ego moved on while it turned.
+sensor: {{height: {SENSOR_HEIGHT:.2f}, place: {IMU_TO_SENSOR.tolist()}}}
+scans: {{folder: velodyne_points/data}}
+times: {{file: velodyne_points/timestamps.txt}}
+poses: {{format: oxts, file: oxts, of: body, times: oxts/timestamps.txt}}
+deskew: {{by: azimuth, turn: counterclockwise, start: 0, stamp: middle}}
+"""
 
 _DATAFORMAT = """lat: latitude, degrees
 lon: longitude, degrees
