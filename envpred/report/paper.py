@@ -15,6 +15,8 @@ from envpred.report.details import comparisons_table, metric_tables, models_tabl
 from envpred.report.page import Picture, document, measured_data, section
 from envpred.report.paragraph import paragraph, write_paragraph
 from envpred.report.pictures import compared_scenes, save_strips
+from envpred.report.published import CURVE_NAMES, curve_of, table_1
+from envpred.report.published import STATIC as PUBLISHED_STATIC
 from envpred.report.ratios import ratio_table
 from envpred.report.run import Run
 from envpred.report.runs import read_runs
@@ -31,8 +33,10 @@ from envpred.report.tables import (
     measured_on,
     methods_table,
     published_table,
+    static_of,
     variants_table,
 )
+from envpred.results.names import LEARNED, method_name
 from envpred.store.files import replace_text
 
 PAGE = "paper.html"
@@ -46,6 +50,7 @@ CLAIMS = {
     EVIDENCE: ("evidence (DST) serves PredNet better than probability", -1),
     VELOCITIES: ("velocities (DOGMa) serve PredNet better than static grids", 1),
 }
+NOT_ASKED = "not asked: a method is missing"
 FIGURES = {
     "ground": "Ground segmentation",
     "dogma": "Dynamic occupancy grid map",
@@ -73,6 +78,8 @@ def conclusions_table(runs: Sequence[Run], compared: Sequence[Comparison]) -> Ta
         for contrast in dict.fromkeys(c.contrast for c in asked):
             cells = [_told(c, sign) for c in asked if c.contrast == contrast]
             rows.append([Cell(claim), Cell(f"{contrast.first} - {contrast.second}"), *cells])
+        if not asked:
+            rows.append([Cell(claim), Cell(NOT_ASKED), *(Cell() for _ in heads(runs[0]))])
     caption = (
         f"Difference of MSE {UNIT} with its 95 % interval over drives, {measured_on(runs[0])}. Holds: it has the sign "
         "that the paper reports, and the test over drives, corrected for all planned comparisons, refuses equality; "
@@ -80,6 +87,16 @@ def conclusions_table(runs: Sequence[Run], compared: Sequence[Comparison]) -> Ta
     )
     titles = ["conclusion", "difference", *heads(runs[0])]
     return Table("conclusions", "The paper's conclusions", caption, titles, rows)
+
+
+def missing(runs: Sequence[Run]) -> list[str]:
+    """Names of the paper's methods that no run is of."""
+    variants = {run.variant for run in runs if run.name == PREDNET}
+    found = {curve_of(run.name, run.role, run.variant) for run in runs}
+    if static_of(runs) is not None:  # every result tells it
+        found.add(PUBLISHED_STATIC)
+    lacking = [method_name({"name": PREDNET}, LEARNED, variant) for variant in table_1() if variant not in variants]
+    return list(dict.fromkeys([*lacking, *(name for key, name in CURVE_NAMES.items() if key not in found)]))
 
 
 def _told(found: Comparison, sign: int) -> Cell:
@@ -132,7 +149,9 @@ def paper_page(
     write_paragraph(text, out)
     curves = error_curves(runs)
     save(curves, out / "error.pdf")
-    parts = ["<h2>Measured on</h2>", measured_data(runs[0]), *(f"<p>{html.escape(t)}</p>" for t in (*about, text))]
+    lacking = missing(runs)
+    said = [*about, *([f"No run here is of {'; '.join(lacking)}."] if lacking else []), text]
+    parts = ["<h2>Measured on</h2>", measured_data(runs[0]), *(f"<p>{html.escape(t)}</p>" for t in said)]
     ours = _table(tables["ours"], titled=False) or "<p>Fewer than two input variants of PredNet were tested.</p>"
     parts += ["<h2>Table I: PredNet by input variant</h2>", ours]
     parts += ['<div class="published">', _table(tables["published"]), "</div>"]
@@ -159,7 +178,10 @@ def _strips(runs: Sequence[Run], out: Path, cameras: Mapping[str, Camera | None]
     """The qualitative figure of every window that all runs drew: camera, target, and what each method forecast."""
     pictures = []
     for n, scene in enumerate(compared_scenes(runs)):
-        caption = f"{scene.where}: camera, target and forecasts{'; what moves is circled' * circles}."
-        strips = save_strips(scene, out / f"window_{n}", cameras.get(scene.drive), circles)
+        camera = cameras.get(scene.drive)
+        seen = camera is not None and any(camera(scene.frames[-1] + h) is not None for h in (0, *scene.shown))
+        caption = f"{scene.where}: {'camera, ' * seen}target and forecasts{'; what moves is circled' * circles}"
+        caption += "." if seen else "; of its camera there is no picture."
+        strips = save_strips(scene, out / f"window_{n}", camera, circles)
         pictures += [Picture.read(strip, caption) for strip in strips]
     return pictures

@@ -6,15 +6,26 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from PIL import Image
 
 from envpred.datamodules.variants import VARIANTS
 from envpred.models import FCNForecaster, LastFrame, MovedLastFrame, ParticleForecast, PredNetForecaster
-from envpred.report.paper import AGAINST_FCN, AGAINST_PARTICLE, CLAIMS, conclusions_table, contrasts, paper_page
+from envpred.report import paper as module
+from envpred.report.contrasts import AGAINST_STATIC
+from envpred.report.paper import (
+    AGAINST_FCN,
+    AGAINST_PARTICLE,
+    CLAIMS,
+    NOT_ASKED,
+    conclusions_table,
+    contrasts,
+    paper_page,
+)
 from envpred.report.run import Run
 from envpred.report.runs import read_runs
 from envpred.report.statistics import Comparison
 from envpred.report.tables import comparisons
-from tests.report.conftest import draw_windows
+from tests.report.conftest import DRAWN_WINDOWS, DRIVES, draw_windows
 
 MakeRun = Callable[..., Path]
 
@@ -62,14 +73,51 @@ def test_conclusions_hold_stand_open_or_are_contrary(results: list[Path]) -> Non
     assert said[velocities, "PredNet, DST static - PredNet, DST DOGMa"].endswith("] holds")
 
 
-def test_two_drives_leave_all_open(results: list[Path], make_run: MakeRun) -> None:
-    def two(record: dict[str, Any]) -> None:
-        record["data"]["windows"] = [[f"drive_{n % 2}", 20 * n] for n in range(len(record["data"]["windows"]))]
+@pytest.mark.parametrize("drives", [1, 2])
+def test_few_drives_leave_all_open(make_run: MakeRun, tmp_path: Path, drives: int) -> None:
+    def few(record: dict[str, Any]) -> None:
+        record["data"]["windows"] = [[f"drive_{n % drives}", 20 * n] for n in range(len(record["data"]["windows"]))]
 
-    runs = read_runs([make_run(change=two), make_run(FCNForecaster, "prob_dogma", level=0.02, change=two)])
+    folders = [make_run(change=few), make_run(FCNForecaster, "prob_dogma", level=0.02, change=few)]
+    runs = read_runs(folders)
     table = conclusions_table(runs, compared(runs))
-    assert {cell.text.rsplit(" ", 1)[1] for row in table.rows for cell in row[2:]} == {"open"}
-    assert "with fewer than 6 drives (here 2) no test" in table.caption
+    told = [row for row in table.rows if row[1].text != NOT_ASKED]
+    assert {cell.text.rsplit(" ", 1)[1] for row in told for cell in row[2:]} == {"open"}
+    assert all(("[" in cell.text) == (drives > 1) for row in told for cell in row[2:])  # an interval takes two
+    assert f"with fewer than 6 drives (here {drives}) no test" in table.caption
+    page = paper_page(folders, tmp_path / "out", {}, {}, []).read_text(encoding="utf-8")
+    assert f"With fewer than 6 drives (here {drives}) no difference was tested." in page
+
+
+def test_what_is_missing_is_said(make_run: MakeRun, tmp_path: Path) -> None:
+    """One input variant, neither FCN nor particle filter: no table of one row, and what cannot be asked is named."""
+    folder = make_run(PredNetForecaster, "dst_static")
+    page = paper_page([folder], tmp_path / "out", {}, {}, []).read_text(encoding="utf-8")
+    assert "Fewer than two input variants of PredNet were tested." in page
+    assert (
+        "No run here is of PredNet, DST DOGMa; PredNet, probability static; PredNet, probability DOGMa; "
+        "FCN, probability DOGMa; Particle filter."
+    ) in page
+    runs = read_runs([folder])
+    asked = {row[0].text: row[1].text for row in conclusions_table(runs, compared(runs)).rows}
+    claims = {question: asked[claim] for question, (claim, _) in CLAIMS.items()}
+    assert claims.pop(AGAINST_STATIC) == "PredNet, DST static - Static"
+    assert set(claims.values()) == {NOT_ASKED}
+
+
+def test_drives_without_pictures_of_a_camera_are_said(
+    results: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    picture = tmp_path / "picture.png"
+    Image.new("L", (40, 20)).save(picture)
+    monkeypatch.setattr(module, "save_strips", lambda *_: [picture])  # drawing takes longer than all else
+    first, last = (f"drive_{window % DRIVES}" for window in DRAWN_WINDOWS)
+    page = paper_page(results, tmp_path / "out", {}, {first: lambda _: picture, last: lambda _: None}, [])
+    captions = re.findall(r"<figcaption>(drive_.*?)</figcaption>", page.read_text(encoding="utf-8"))
+    with_camera, without = captions
+    assert with_camera.endswith(": camera, target and forecasts; what moves is circled.")
+    assert without.endswith(": target and forecasts; what moves is circled; of its camera there is no picture.")
+    assert "No run here is of" not in page.read_text(encoding="utf-8")
 
 
 def test_page_has_all_parts_and_names_the_runs(results: list[Path], tmp_path: Path) -> None:
