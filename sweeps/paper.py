@@ -121,7 +121,7 @@ def _tuned(name: str, size: Preset, fit: list[str], store: Path, out: Path, tria
 
 def _page(jobs: Sequence[Job], store: Path, drives: Path, out: Path, paragraphs: list[str], circles: bool) -> Path:
     """The page, with figures of the first test drive."""
-    data = GridDataModule(store)
+    data = GridDataModule(**jobs[0].config["data"])
     data.setup("test")
     tested = list(dict.fromkeys(place.drive.name for place in data.datasets["test"].places))
     drive = Store(store).drives[tested[0]]

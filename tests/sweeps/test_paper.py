@@ -7,12 +7,14 @@ from pathlib import Path
 
 import pytest
 
+from envpred.cli.arguments import FitArguments
 from envpred.datamodules.variants import VARIANTS
 from envpred.interrupts import end_at_once
 from envpred.report.paper import PAGE
 from envpred.results.result import RESULT
 from sweeps import paper as module
-from sweeps.runs.trial import TrialFailedError
+from sweeps.runs.command import FIXED
+from sweeps.runs.trial import TrialFailedError, as_yaml, logged_to
 from sweeps.table.job import Job
 from sweeps.table.published import PRESETS, Preset, published_plan
 from tests.remedies import remedy
@@ -38,6 +40,54 @@ def test_what_was_tuned_replaces_the_preset() -> None:
     configs = {run.name: next(o for o in run.options if o.startswith("--config=")) for run in runs if run.trains}
     assert configs["prednet_dst_dogma_seed0"] == "--config=configs/model/prednet.yaml"
     assert configs["prednet_dst_static_seed0"] == "--config=prednet_small"
+
+
+def jobs_of(preset: str, folder: Path) -> dict[str, Job]:
+    """The runs of a preset, by name, complete as `envpred fit` would read them."""
+    runs = published_plan(PRESETS[preset], [], {}, [0])
+    return {run.name: Job.of(run, folder / "grids", folder / "runs") for run in runs}
+
+
+def test_full_has_the_papers_numbers(tmp_path: Path) -> None:
+    """Itkina et al. 2019, section IV: PredNet in two stages of 100 epochs of 500 samples, the FCN in 1,975 batches."""
+    jobs = jobs_of("full", tmp_path)
+    for variant in VARIANTS:
+        config = jobs[f"prednet_{variant}_seed0"].config
+        model, data = config["model"]["init_args"], config["data"]
+        assert config["model"]["class_path"].endswith(".PredNetForecaster")
+        assert (model["channels"], model["layer_weights"], model["feedback"]) == ([48, 96, 192], [1.0], "stale")
+        for stage in ("t1", "t5"):
+            assert (model[f"{stage}_epochs"], model[f"{stage}_drop_epoch"]) == (100, 75)
+            assert model[f"{stage}_lr"] == 1e-4
+            assert model[f"{stage}_lr"] * model["lr_drop"] == pytest.approx(1e-5)
+        assert (model["t5_error"], model["first_scored"]) == ("absolute", 1)
+        assert (model["fixed_frame"], model["context"], model["init_from"]) == (False, False, None)
+        assert (data["samples"], data["batch_size"], data["val_windows"]) == (500, 1, 100)
+        assert (data["crop"], data["augment"]) == (None, False)
+        assert config["trainer"]["max_epochs"] in (None, -1)
+    config = jobs["fcn_prob_dogma_seed0"].config
+    model, data = config["model"]["init_args"], config["data"]
+    assert (config["model"]["class_path"], model["width"], model["lr"]) == ("envpred.models.FCNForecaster", 1.0, 1e-4)
+    assert data["batch_size"] == 50
+    assert model["max_epochs"] * data["samples"] / data["batch_size"] == 1975
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("preset", ["small", "full"])
+def test_what_is_planned_is_read_again_as_it_was_written(preset: str, tmp_path: Path) -> None:
+    """Each run gets its configuration as a file; all of them judge the same windows."""
+    judged = set()
+    for name, job in jobs_of(preset, tmp_path).items():
+        file = tmp_path / f"{name}.yaml"
+        file.write_text(as_yaml(dict(job.config)), encoding="utf-8")
+        again = FitArguments([f"--config={file}", *logged_to(job.folder)]).base
+        assert {key: again[key] for key in ("model", "data", "seed_everything")} == {
+            key: job.config[key] for key in ("model", "data", "seed_everything")
+        }
+        if job.run.trains:
+            assert again["data"]["variant"] == name.removesuffix("_seed0").split("_", 1)[1]
+        judged.add(str({key: again["data"][key] for key in FIXED if key != "variant"}))
+    assert len(judged) == 1
 
 
 @pytest.mark.parametrize(
@@ -88,6 +138,23 @@ def test_what_failed_is_named(
     said = capsys.readouterr().err
     assert "prednet_dst_static_seed0: diverged" in said
     assert "10 of 10 runs failed; run the command again" in said
+
+
+def test_figures_are_of_the_drives_that_are_tested(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The last of four drives would test, were none named."""
+    cameras: dict[str, object] = {}
+    drawn: list[str] = []
+    monkeypatch.setattr(module, "execute", lambda *_: [])
+    for made in ("simulate", "grids", "show_plan"):
+        monkeypatch.setattr(module, made, put_in_order)
+    for picture in ("ground", "velocity"):
+        monkeypatch.setattr(module, picture, lambda source, file, name, frame: drawn.append(name))
+    monkeypatch.setattr(module, "camera_of", lambda name, source: None)
+    monkeypatch.setattr(module, "paper_page", lambda results, out, figures, told, *_: cameras.update(told))
+    write_store(tmp_path / "grids", {name: list(range(40)) for name in "abcd"}, cells=64, dogma=True, context=128)
+    module.main(["--out", str(tmp_path), "--data.test=[a]"])
+    assert list(cameras) == ["a"]
+    assert set(drawn) == {"a"}
 
 
 def test_dry_run_writes_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
