@@ -21,6 +21,7 @@ from envpred.cli.configs import portable
 from envpred.cli.endings import end_of_fit, end_of_test, end_of_validation
 from envpred.cli.help import DATA, RUN
 from envpred.cli.mistakes import Strict
+from envpred.cli.newest import about_checkpoint, newest_checkpoint
 from envpred.cli.registry import LIGHTNING
 from envpred.cli.shipped import COMPLETE
 from envpred.cli.signatures import options
@@ -32,7 +33,6 @@ from envpred.errors import UserError, as_raised, check_number, one_line
 from envpred.models import Forecaster
 from envpred.models.checkpoints import read_checkpoint
 from envpred.results.result import short_name
-from envpred.results.validations import read_validations
 
 rank_zero_log = logging.getLogger("lightning.pytorch.utilities.rank_zero")
 
@@ -85,8 +85,8 @@ class EnvpredCLI(LightningCLI):
             return
         file = Path(asked)
         if asked in ("best", "last"):
-            file = self._newest(asked)
-            print(f"checkpoint: {file}{_beside(file)}", file=sys.stderr)
+            file = newest_checkpoint(self._place("fit"), asked)
+            print(f"checkpoint: {file} ({about_checkpoint(file)})", file=sys.stderr)
         read_checkpoint(file)
         options["ckpt_path"] = str(file)
         options["weights_only"] = True
@@ -178,7 +178,7 @@ class EnvpredCLI(LightningCLI):
         if self.subcommand in (None, "fit") or given or self.model.is_fixed:
             return
         try:
-            hint = f"give --ckpt_path {self._newest('best')}"
+            hint = f"give --ckpt_path {newest_checkpoint(self._place('fit'), 'best')}"
         except UserError:
             hint = "train it by `envpred fit`, then give --ckpt_path best"
         raise UserError(
@@ -215,16 +215,6 @@ class EnvpredCLI(LightningCLI):
         model = short_name(self._options.model.class_path.rsplit(".", 1)[1])
         return Path(self._options.out) / subcommand / model / str(self._options.data.variant)
 
-    def _newest(self, which: str) -> Path:
-        """The `best` or `last` checkpoint of the fit of this model and variant that wrote one last."""
-        wanted = ("best.ckpt", "best_t1.ckpt") if which == "best" else ("last.ckpt",)
-        place = self._place("fit")
-        for run in sorted(place.glob("*/checkpoints"), key=_written, reverse=True):
-            for name in wanted:
-                if (run / name).is_file():
-                    return run / name
-        raise UserError(f"{place}: no run with a checkpoint {wanted[0]}; run `envpred fit` first, or give its path")
-
 
 def check_accelerator(name: object) -> None:
     """Refuse a GPU where torch finds none, before anything is read that it would work on.
@@ -234,25 +224,6 @@ def check_accelerator(name: object) -> None:
     """
     if name in ("gpu", "cuda") and not torch.cuda.is_available():
         raise UserError(f"--trainer.accelerator {name}: torch finds no GPU here; give --trainer.accelerator auto")
-
-
-def _written(folder: Path) -> int:
-    """When a checkpoint was last written into a folder."""
-    return max((file.stat().st_mtime_ns for file in folder.glob("*.ckpt")), default=0)
-
-
-def _beside(file: Path) -> str:
-    """What else is to be known of a checkpoint that was found: how far its run came, and newer runs without any."""
-    run, when = file.parents[1], _written(file.parent)
-    state = f"its run has {'not ' if read_validations(run).ended is None else ''}reached its end"
-    others = [other for other in run.parent.iterdir() if other.is_dir() and not _written(other / "checkpoints")]
-    newer = sorted(other.name for other in others if any(f.stat().st_mtime_ns > when for f in other.iterdir()))
-    if not newer:
-        return f" ({state})"
-    return (
-        f" ({state}; newer, but ended before their first checkpoint: {', '.join(newer)}; "
-        "to begin again leave --ckpt_path out)"
-    )
 
 
 C = TypeVar("C", bound=EnvpredCLI)
