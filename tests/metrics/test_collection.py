@@ -18,7 +18,7 @@ from envpred.metrics.cells import KINDS
 from envpred.metrics.collection import forecast_metrics
 from envpred.metrics.horizon_mse import HorizonMSE
 from envpred.metrics.roc_auc import RocAuc
-from envpred.metrics.windows import HorizonMetric
+from envpred.metrics.windows import HorizonMetric, PerHorizon
 from tests.metrics.labels import labelled
 
 TITLES = {
@@ -66,6 +66,28 @@ def test_names_and_json() -> None:
     assert {key: written["mse"][key] for key in values} == values
     assert {name: (told["title"], told["direction"]) for name, told in written.items() if "mean" in told} == TITLES
     assert all(told["rewards"].startswith("Rewards ") for told in written.values() if "mean" in told)
+    thousandths = {name for name in TITLES if name.startswith(("mse", "crps"))}
+    assert {name: told["factor"] for name, told in written.items() if "mean" in told} == {
+        name: 1e3 if name in thousandths else 1.0 for name in TITLES
+    }
+    assert {name for name, told in written.items() if told.get("unit") == "× 10⁻³"} == thousandths
+
+
+def test_windows_in_which_a_metric_is_undefined_do_not_count() -> None:
+    """Of one window all is told, of another with the same grids neither label nor kinds of cells nor mass."""
+    generator = torch.Generator().manual_seed(0)
+    forecast, target, mass, last = torch.rand(4, 1, 2, 8, 8, generator=generator)
+    kinds = dict(zip(KINDS, torch.rand(len(KINDS), 1, 2, 8, 8, generator=generator) < 0.5, strict=True))
+    alone, both = forecast_metrics(2), forecast_metrics(2)
+    for metrics in (alone, both):
+        metrics.update(forecast, target, last[:, 0], label=labelled(target), mass=mass, **kinds)
+    both.update(forecast, target, last[:, 0], label=torch.zeros_like(target, dtype=torch.uint8))
+    expected = {name: value for name, value in alone.compute().items() if isinstance(value, PerHorizon)}
+    assert len(expected) > 30
+    result = both.compute()
+    for name, value in expected.items():
+        assert value.mean.isfinite().all(), name
+        torch.testing.assert_close(result[name].mean, value.mean, msg=name)
 
 
 class Bias(HorizonMetric):

@@ -52,3 +52,12 @@ def test_without_samples_it_is_the_absolute_error() -> None:
     result = metric.compute()
     assert result["crps"].mean.item() == pytest.approx(0.2)
     assert result["crps_changed_cells"].mean.item() == pytest.approx(0.3)
+
+
+def test_samples_and_not_their_mean_are_scored() -> None:
+    metric = CRPS(1)
+    samples = torch.tensor([0.0, 1.0]).view(1, 2, 1, 1, 1)
+    metric.update(samples.mean(1), torch.full((1, 1, 1, 1), 0.5), samples=samples)
+    assert metric.compute()["crps"].mean.item() == pytest.approx(0.5 - 1 / 2)
+    metric.update(samples.mean(1), torch.ones(1, 1, 1, 1), samples=samples)
+    assert metric.compute()["crps"].per_window.flatten().tolist() == pytest.approx([0.0, 0.5 - 1 / 2])

@@ -36,6 +36,8 @@ def test_forecasts_between_two_of_a_hundred_thresholds_are_one_step() -> None:
 def test_the_bounds_of_probability_count() -> None:
     forecast = torch.tensor([[[[1.0, 0.0]]]])
     assert pr_auc(forecast, codes(OCCUPIED, FREE)).item() == pytest.approx(1.0)
+    # the highest step holds what is above 98/99 = 0.98990 alone
+    assert pr_auc(torch.tensor([[[[0.995, 0.985]]]]), codes(OCCUPIED, FREE)).item() == pytest.approx(1.0)
     # nothing above 0, then all: half of it occupied
     assert pr_auc(torch.zeros(1, 1, 1, 2), codes(OCCUPIED, FREE)).item() == pytest.approx(0.5)
 

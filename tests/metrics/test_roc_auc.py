@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from envpred.metrics.roc_auc import roc_auc
+from envpred.metrics.roc_auc import RocAuc, roc_auc
 from tests.metrics.labels import labelled
 
 
@@ -36,10 +36,14 @@ def test_forecasts_of_one_bin_tie() -> None:
     forecast = torch.tensor([[[[0.26, 0.27]]]])
     assert roc_auc(forecast, labelled(target), bins=4).item() == 0.5
     assert roc_auc(forecast, labelled(target), bins=1000).item() == 0.0
+    metric = RocAuc(1)
+    metric.update(forecast, target, label=labelled(target))
+    assert metric.compute().mean.item() == 0.0
 
 
 def test_bounds_are_in_the_outer_bins_and_one_sided_targets_undefined() -> None:
     target = torch.tensor([[[[1.0, 0.0]]]])
     assert roc_auc(target, labelled(target)).item() == 1.0
+    assert roc_auc(torch.tensor([[[[0.9995, 0.9985]]]]), labelled(target)).item() == 1.0  # in the last two bins
     assert roc_auc(target, labelled(torch.ones_like(target))).isnan().all()
     assert roc_auc(target, labelled(torch.full_like(target, 0.5))).isnan().all()

@@ -50,12 +50,12 @@ def test_standard_error_over_drives_by_hand() -> None:
 
 
 def test_standard_error_of_a_ratio_over_drives() -> None:
-    above, below = np.array([[1.0], [2.0], [6.0], [3.0]]), np.array([[2.0], [2.0], [4.0], [4.0]])
-    # Ratio 1; above - below sums to -1 and 1 over the drives: sqrt(2 * 2) / 4 windows / the mean 3 below.
-    np.testing.assert_allclose(ratio_drive_errors(above, below, names([2, 2])), [2 / 12])
+    above, below = np.array([[2.0], [4.0], [12.0], [6.0]]), np.array([[2.0], [2.0], [4.0], [4.0]])
+    # Ratio 2; above - 2 below sums to -2 and 2 over the drives: sqrt(2 * 8) / 4 windows / the mean 3 below.
+    np.testing.assert_allclose(ratio_drive_errors(above, below, names([2, 2])), [4 / 12])
     # A window in which one of the two is undefined counts in neither.
     more, less = np.append(above, [[9.0]], axis=0), np.append(below, [[math.nan]], axis=0)
-    np.testing.assert_allclose(ratio_drive_errors(more, less, names([2, 3])), [2 / 12])
+    np.testing.assert_allclose(ratio_drive_errors(more, less, names([2, 3])), [4 / 12])
 
 
 @given(st.lists(st.integers(1, 4), min_size=2, max_size=6), st.integers(0, 2**32 - 1))
@@ -129,6 +129,13 @@ def test_interval_covers_as_often_as_it_says() -> None:
         low, high = interval(values.mean(axis=0), drive_errors(values, names([7] * 6)), 6)
         hits += bool(low[0] < 1.0 < high[0])
     assert 0.92 < hits / rounds < 0.98
+
+
+def test_interval_by_the_tables_of_students_t() -> None:
+    """At 97.5 % with one degree less than there are drives: 12.706 of one, 2.571 of five."""
+    for drives, reach in ((2, 12.706), (6, 2.571)):
+        low, high = interval(np.ones(1), np.full(1, 2.0), drives)
+        assert (low[0], high[0]) == pytest.approx((1 - 2 * reach, 1 + 2 * reach), abs=2e-3)
     assert np.isnan(interval(np.zeros(1), np.zeros(1), 1)).all()
 
 
