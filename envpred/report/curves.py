@@ -65,9 +65,9 @@ def error_caption(runs: Sequence[Run]) -> str:
     ours, theirs, kind_of = _lines(runs)
     top = _top(ours, theirs, kind_of)
     off = list(dict.fromkeys(label for lines in (ours, theirs) for label in _off(lines, top)))
-    over = "drives" if runs[0].mse.drive_error is not None else "windows"
+    bands = "bands of one standard error over drives" if len(set(runs[0].drives)) > 1 else "of one drive without bands"
     caption = (
-        f"Mean squared error over the horizon, bands of one standard error over {over}. Right, what the paper "
+        f"Mean squared error over the horizon, {bands}. Right, what the paper "
         "published, of other drives and with standard errors over windows: compare shapes and orders, not levels."
     )
     if off:

@@ -87,6 +87,7 @@ def test_few_drives_leave_all_open(make_run: MakeRun, tmp_path: Path, drives: in
     assert f"with fewer than 6 drives (here {drives}) no test" in table.caption
     page = paper_page(folders, tmp_path / "out", {}, {}, []).read_text(encoding="utf-8")
     assert f"With fewer than 6 drives (here {drives}) no difference was tested." in page
+    assert ("over the horizon, of one drive without bands." in page) == (drives == 1)
 
 
 def test_what_is_missing_is_said(make_run: MakeRun, tmp_path: Path) -> None:

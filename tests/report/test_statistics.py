@@ -160,6 +160,21 @@ def test_comparisons() -> None:
     assert compare(values, names([5] * 8), [], [0]) == []
 
 
+def test_what_is_rarer_than_a_tenth_is_not_significant_at_a_twentieth() -> None:
+    values = np.array([[-1.0], [2.0], [3.0], [4.0], [5.0], [6.0]])
+    (only,) = compare({"a": values, "b": np.zeros_like(values)}, list("abcdef"), [AB], [0])
+    assert only.p_corrected == pytest.approx(4 / 64)
+    assert only.significant(0.1)
+    assert not only.significant()
+
+
+def test_drives_weigh_by_their_windows() -> None:
+    # Sums -3, 1, 1, 1, 1, 1: of the 32 patterns with +3 five cancel out, the others are as far out as the 2 found.
+    values = np.array([[-1.0]] * 3 + [[1.0]] * 5)
+    (only,) = compare({"a": values, "b": np.zeros_like(values)}, names([3, 1, 1, 1, 1, 1]), [AB], [0])
+    assert only.p == pytest.approx(54 / 64)
+
+
 def test_two_drives_say_nothing() -> None:
     """All 14 windows one way: no probability, and an interval that owns up to two drives."""
     values = {"a": np.zeros((14, 1)), "b": np.repeat([[1.0], [2.0]], 7, axis=0)}

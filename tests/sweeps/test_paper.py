@@ -11,7 +11,7 @@ from envpred.cli.arguments import FitArguments
 from envpred.datamodules.variants import VARIANTS
 from envpred.interrupts import end_at_once
 from envpred.report.paper import PAGE
-from envpred.results.result import RESULT
+from envpred.results.result import RESULT, read_result
 from sweeps import paper as module
 from sweeps.runs.command import FIXED
 from sweeps.runs.trial import TrialFailedError, as_yaml, logged_to
@@ -164,6 +164,20 @@ def test_dry_run_writes_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[st
     assert "train and test: prednet_prob_dogma_seed0" in said
     assert "test: rollout" in said
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.slow
+def test_networks_of_small_are_trained_and_tested(tmp_path: Path) -> None:
+    """A step of each: the sizes that the demo does not train."""
+    store = write_store(tmp_path / "grids", {name: list(range(40)) for name in "abc"}, cells=64, dogma=True)
+    step = ["--data.samples=1", "--data.batch_size=1", "--trainer.max_epochs=1"]
+    runs = {run.name: run for run in published_plan(PRESETS["small"], step, {}, [0])}
+    for name in ("prednet_prob_dogma_seed0", "fcn_prob_dogma_seed0"):
+        job = Job.of(runs[name], store, tmp_path / "runs")
+        job.do()
+        assert job.is_done()
+        told = read_result(job.result)
+        assert (told["model"]["name"], told["variant"]) == tuple(name.removesuffix("_seed0").split("_", 1))
 
 
 @pytest.mark.slow
