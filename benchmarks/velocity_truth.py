@@ -75,9 +75,7 @@ def read_boxes(drive: Drive) -> list[list[Box]]:
     if not drive.has_tracklets:
         raise UserError(f"{drive.name}: has no boxes of tracked objects; unpack the drive's tracklets there")
     to_world = {k: drive.pose(k) @ drive.sensor_to_body() for k in drive.frames}
-    if (
-        isinstance(drive, KittiDrive) and (drive.folder / TRUE_POSES).exists()
-    ):  # packets are late
+    if isinstance(drive, KittiDrive) and (drive.folder / TRUE_POSES).exists():  # packets are late
         places = np.loadtxt(drive.folder / TRUE_POSES).reshape(-1, 3, 4)
         start = np.mean([to_world[k][:3, 3] - places[k, :, 3] for k in drive.frames], axis=0)
         for k in drive.frames:
