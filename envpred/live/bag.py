@@ -42,7 +42,7 @@ def bag(
         out: recording (.mcap, extra `mcap`), or picture (.png, .pdf) of one window.
         predictions: folder that `envpred predict` wrote; needs --store.
         store: folder of the grids that were forecast from: adds the map of every frame, and where the ego is.
-        source: folder with drives: adds scans and, of simulated drives, the truth: boxes and the class of every point.
+        source: folder with drives: adds scans, boxes where there are any, and the class of every simulated point.
         drive: name of the drive; by default the first.
         horizons: in seconds; by default all in a recording, those of the paper in a picture.
         window: of a picture, its place among the drive's windows.

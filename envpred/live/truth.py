@@ -33,10 +33,8 @@ class Truth:
         Raises:
             UserError: if its boxes cannot be read.
         """
-        if not isinstance(drive, KittiDrive):
-            return cls()
-        labels = drive.folder / "labels"
-        return cls(drive.tracklets(), labels if labels.is_dir() else None)
+        labels = drive.folder / "labels" if isinstance(drive, KittiDrive) else None  # the simulator's drives have them
+        return cls(drive.tracklets(), labels if labels is not None and labels.is_dir() else None)
 
     def classes(self, frame: int, points: int) -> NDArray[np.uint32] | None:
         """Words (N,) of the points of a frame, class and instance, where they are known.
