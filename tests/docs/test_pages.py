@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from envpred.cli.registry import COMMANDS, LIGHTNING
-from tests.report.test_page import BROWSER, browse
+from tests.browser import BROWSER, browse
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 PAGES = REPOSITORY / "docs"

@@ -18,10 +18,10 @@ from envpred.live.stream import Stream
 from envpred.mapping.evidence import pignistic
 from envpred.mapping.geometry import OCCUPIED
 from envpred.models import RolloutForecaster
+from tests.browser import BROWSER, FLAGS
 from tests.drives.synthetic import packet, write_drive
 from tests.live.replays import FRAMES, GAP, GRID, forecast_frames, small_drive, unpacked
 from tests.remedies import refusal, remedy
-from tests.report.test_page import BROWSER, FLAGS
 
 HERE = Path(__file__).parent
 
