@@ -131,6 +131,22 @@ def write(
     return folder
 
 
+def say(folder: Path, **said: Any) -> None:
+    """Let the YAML say something else."""
+    file = folder / "envpred.yaml"
+    file.write_text(yaml.safe_dump({**yaml.safe_load(file.read_text()), **said}))
+
+
+def kitti(poses: Array) -> str:
+    """Poses (T, 4, 4) as KITTI writes them."""
+    return "\n".join(" ".join(map(repr, pose[:3].ravel().tolist())) for pose in poses)
+
+
+def matrix(poses: Array) -> str:
+    """Poses (T, 4, 4) as matrices, one a line."""
+    return "\n".join(" ".join(map(repr, pose.ravel().tolist())) for pose in poses)
+
+
 def write_scan(file: Path, rows: NDArray[np.float32]) -> None:
     """Write one scan (N, 4) or (N, 5) in the format of the file's ending, with libraries that are not ours."""
     names = ("x", "y", "z", "intensity", "time")[: rows.shape[1]]
