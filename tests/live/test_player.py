@@ -20,15 +20,10 @@ from envpred.mapping.geometry import OCCUPIED
 from envpred.models import RolloutForecaster
 from tests.browser import BROWSER, FLAGS
 from tests.drives.synthetic import packet, write_drive
-from tests.live.replays import FRAMES, GAP, GRID, forecast_frames, small_drive, unpacked
+from tests.live.replays import FRAMES, GAP, GRID, forecast_frames, unpacked
 from tests.remedies import refusal, remedy
 
 HERE = Path(__file__).parent
-
-
-@pytest.fixture(scope="module")
-def drive(tmp_path_factory: pytest.TempPathFactory) -> Drive:
-    return small_drive(tmp_path_factory.mktemp("drives"))
 
 
 @pytest.fixture(scope="module")
