@@ -1,7 +1,8 @@
 """A recorded drive as it happened: its scans through a stream, as they came or as fast as it goes, and timed."""
 
+import contextlib
 import time
-from collections import defaultdict
+from collections import defaultdict, deque
 from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
@@ -9,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from envpred.drives import Drive
+from envpred.errors import UserError
 from envpred.live.ahead import LiveForecast
 from envpred.live.stream import Stream
 from envpred.mapping.mapper import Mapped
@@ -85,17 +87,26 @@ def replay(
         latency: to add to.
         at_rate: let scans come as they came: who is not ready for one when the next is there, misses it.
         frames: positions in the drive's frames, by default all.
+
+    Raises:
+        UserError: if none of the scans can be read; a stream goes on without some of them.
     """
     positions = list(range(len(drive.frames)) if frames is None else frames)
     stream.watch(latency.end)
     start = time.monotonic() - float(drive.times[positions[0]]) if positions else 0.0
+    failed = None
     while positions:
         if at_rate:
             positions = _wait(positions, drive, start, latency)
         t = positions.pop(0)
         k = drive.frames[t]
         latency.begin()
-        points = drive.scan(k)
+        try:
+            points = drive.scan(k)
+        except UserError as error:
+            stream.warn(f"{error}; left out")
+            failed = error
+            continue
         latency.end(READ)
         before, began = stream.mapped, time.perf_counter()
         forecast = stream.update(points, drive.poses[t], float(drive.times[t]))
@@ -106,14 +117,17 @@ def replay(
             latency.forecasts += 1
             latency.stages[WHOLE].append(took)
         yield Step(k, stream.points, stream.mapped if stream.mapped is not before else None, forecast)
+    if failed is not None and not latency.scans:
+        raise failed
 
 
 def warmed(make: Callable[[], Stream], drive: Drive) -> Stream:
     """A stream of `make` after another one has seen a few scans: what is compiled at first use is no latency."""
     first = make()
     first.warn = lambda said: None
-    for _ in replay(first, drive, Latency(), frames=range(min(first.forecaster.given + 1, len(drive.frames)))):
-        pass
+    few = range(min(first.forecaster.given + 1, len(drive.frames)))
+    with contextlib.suppress(UserError):  # of these; what follows may be read
+        deque(replay(first, drive, Latency(), frames=few), maxlen=0)
     return make()
 
 

@@ -1,14 +1,19 @@
 """A stream goes on where scans, stamps or poses are not as they should be, and says so."""
 
+import shutil
+from collections.abc import Collection
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from envpred.drives import Drive
+from envpred.drives import Drive, one_drive
+from envpred.errors import UserError
+from envpred.live.replay import Latency, replay, warmed
 from envpred.live.stream import Stream
 from envpred.models import LastFrame
-from tests.live.streams import feed, ready
+from tests.live.streams import GRID, feed, ready
 
 
 def test_late_and_repeated_scans_are_left_out(drive: Drive) -> None:
@@ -143,3 +148,51 @@ def test_weights_keep_their_rate(drive: Drive, period: float, line: str) -> None
     there = [stream.update(drive.scan(9), drive.pose(9), after + 0.1 * n) is not None for n in range(1, 20)]
     assert there[-5:] == [True] * 5  # the rate is what it was
     assert "0.1 s instead of" in said[-1]
+
+
+def damaged(drive: Drive, folder: Path, frames: Collection[int]) -> Drive:
+    """The same drive, where some scans are empty files."""
+    shutil.copytree(drive.folder.parents[1], folder)  # type: ignore[attr-defined]
+    for file in folder.rglob("velodyne_points/data/*.bin"):
+        if int(file.stem) in frames:
+            file.write_bytes(b"")
+    return one_drive(folder)
+
+
+def test_a_replay_goes_on_without_scans_that_cannot_be_read(drive: Drive, tmp_path: Path) -> None:
+    said: list[str] = []
+    spoilt = damaged(drive, tmp_path / "some", (0, 7))
+    latency = Latency()
+    stream = warmed(lambda: Stream.of(LastFrame(), spoilt, grid=GRID, warn=said.append), spoilt)
+    steps = list(replay(stream, spoilt, latency, frames=range(14)))
+    assert [step.frame for step in steps] == [*range(1, 7), *range(8, 14)]
+    assert [step.frame for step in steps if step.forecast is not None] == [5, 6, 12, 13]
+    assert latency.scans == 12
+    assert [line.split("/")[-1] for line in said] == [
+        "0000000000.bin: an empty scan; copy it again, or delete it to leave a gap in the drive; left out",
+        "0000000007.bin: an empty scan; copy it again, or delete it to leave a gap in the drive; left out",
+        "no scan for 0.20 s before 0.80 s: evidence starts anew",
+    ]
+
+
+def test_a_drive_of_which_no_scan_can_be_read_is_refused(drive: Drive, tmp_path: Path) -> None:
+    spoilt = damaged(drive, tmp_path / "all", drive.frames)
+    with pytest.raises(UserError, match=r"\.bin: an empty scan"):
+        list(replay(ready(drive)[0], spoilt, Latency()))
+
+
+def test_weights_of_another_grid_and_files_that_are_none_are_refused_before_any_scan(
+    drive: Drive, tmp_path: Path
+) -> None:
+    trained = LastFrame()
+    trained.trained = {"data": {"period": 0.1, "resolution": 0.5, "cells": 32}}
+    with pytest.raises(UserError, match=r"trained on grids of 0\.5 m, this stream has 0\.333"):
+        Stream.of(trained, drive, grid=GRID)
+    trained.trained = {"data": {"period": 0.2, "resolution": GRID.resolution, "cells": 32}}
+    with pytest.raises(UserError, match=r"trained on grids of 0\.2 s, this stream has 0\.1 s"):
+        Stream.of(trained, drive, grid=GRID)
+    (tmp_path / "a.ckpt").write_bytes(b"nothing")
+    with pytest.raises(UserError, match=r"a\.ckpt: holds more than weights, so it is not loaded"):
+        Stream.of(tmp_path / "a.ckpt", drive)
+    with pytest.raises(UserError, match=r"none\.ckpt: no such checkpoint"):
+        Stream.of(tmp_path / "none.ckpt", drive)
