@@ -8,6 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from envpred.drives import find_drives, one_drive
+from envpred.drives.folder import FolderDrive
 from envpred.drives.plausible import oddities
 from envpred.errors import UserError
 from envpred.mapping.geometry import Body
@@ -159,3 +160,41 @@ def test_scans_in_millimetres_without_reflectance(folder: Path, recorded: own.Re
     scan = one_drive(folder).scan(1)
     np.testing.assert_allclose(scan[:, :3], recorded.scans[1][:, :3], rtol=1e-6)
     assert not scan[:, 3].any()
+
+
+def test_units_strides_and_clocks_of_times(folder: Path, recorded: own.Recorded) -> None:
+    """Poses at milliseconds, scans that are numbered by twos, and a clock of poses without times of their own."""
+    rows = np.loadtxt(folder / "path.txt")
+    rows[:, 0] *= 1000
+    np.savetxt(folder / "ms.txt", rows, "%.9f")
+    own.say(folder, poses={"format": "tum", "file": "ms.txt", "unit": "ms"})
+    np.testing.assert_allclose(one_drive(folder).poses, recorded.body, atol=1e-6)
+    (folder / "poses.txt").write_text(own.kitti(recorded.sensor))
+    own.say(folder, poses={"format": "kitti", "file": "poses.txt", "clock": 0.05})
+    np.testing.assert_allclose(one_drive(folder).pose(4)[:3, 3], recorded.body[3:5, :3, 3].mean(axis=0), atol=1e-3)
+    for file in sorted((folder / "lidar").iterdir(), reverse=True):
+        file.rename(file.with_stem(f"{2 * int(file.stem):05d}"))
+    own.say(folder, times={"period": 0.1}, poses={"format": "kitti", "file": "poses.txt"})
+    drive = one_drive(folder)
+    assert drive.frames == list(range(0, 2 * FRAMES, 2))
+    np.testing.assert_allclose(drive.times, 0.1 * np.arange(FRAMES))
+    assert drive.stretches() == [(0, FRAMES)]
+
+
+@pytest.mark.parametrize(("stamp", "first"), [("start", 0.0), ("middle", -0.045), ("end", -0.09)])
+def test_points_are_timed_from_the_moment_of_the_stamp(
+    recorded: own.Recorded, tmp_path: Path, stamp: str, first: float
+) -> None:
+    said = {"deskew": {"by": "time", "stamp": stamp}}
+    drive = one_drive(own.write(tmp_path / "mine", recorded, ".pcd", said, with_time=True))
+    assert isinstance(drive, FolderDrive)
+    assert drive.said.deskew is not None
+    since = drive.scans.since_stamp(drive.sweep(2), drive.said.deskew, drive.period)
+    assert (since.min(), since.max()) == pytest.approx((first, first + 0.09), abs=1e-6)
+
+
+def test_a_reflectance_that_is_none_is_zero(folder: Path, recorded: own.Recorded) -> None:
+    points = recorded.scans[0].copy()
+    points[:2, 3] = np.nan
+    np.save(folder / "lidar" / "00000.npy", points)
+    assert one_drive(folder).scan(0)[:2, 3].tolist() == [0, 0]
