@@ -2,9 +2,7 @@
 
 import re
 import shutil
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -13,14 +11,11 @@ import yaml
 from envpred.build.check import check
 from envpred.cli import main
 from envpred.drives import find_drives, one_drive
-from envpred.mapping.geometry import FloatArray
+from tests.build.harm import FAULTS as HARM
+from tests.build.harm import TUM, Fault, turned
 from tests.drives import own, synthetic
 
 FRAMES = 60
-Change = Callable[[own.Recorded], own.Recorded]
-TUM = {"format": "tum", "file": "path.txt"}
-NED = np.array([[0, 1, 0], [1, 0, 0], [0, 0, -1.0]])
-CAMERA = np.array([[0, 0, 1], [-1, 0, 0], [0, -1, 0.0]])  # its axes x right, y down, z forward, along the car's
 
 
 @pytest.fixture(scope="module")
@@ -28,94 +23,13 @@ def recorded() -> own.Recorded:
     return own.record(FRAMES)
 
 
-def scans(change: Callable[[np.ndarray], np.ndarray]) -> Change:
-    return lambda r: r._replace(scans=[change(points).astype(np.float32) for points in r.scans])
-
-
-def turned(rotation: Any) -> Change:
-    matrix = np.array(rotation, np.float64)
-    return scans(lambda points: np.column_stack([points[:, :3] @ matrix.T, points[:, 3]]))
-
-
-def poses(axes: FloatArray, world: FloatArray) -> Change:
-    """Poses of a frame whose axes are the columns of `axes`, in a world whose axes are the columns of `world`."""
-
-    def change(r: own.Recorded) -> own.Recorded:
-        left, right = np.eye(4), np.eye(4)
-        left[:3, :3], right[:3, :3] = world.T, axes
-        return r._replace(body=left @ r.sensor @ right @ np.linalg.inv(own.offset()))
-
-    return change
-
-
-def units(number: float) -> Change:
-    """Poses of so many units a metre."""
-
-    def change(r: own.Recorded) -> own.Recorded:
-        sensor = r.sensor
-        sensor[:, :3, 3] *= number
-        return r._replace(body=sensor @ np.linalg.inv(own.offset()))
-
-    return change
-
-
-def inverted(r: own.Recorded) -> own.Recorded:
-    return r._replace(body=np.linalg.inv(r.sensor) @ np.linalg.inv(own.offset()))
-
-
-def same(r: own.Recorded) -> own.Recorded:
-    return r
-
-
-def without(r: own.Recorded) -> own.Recorded:
-    kept = [k for k in range(FRAMES) if not 20 <= k < 24]
-    return own.Recorded([r.scans[k] for k in kept], [r.since[k] for k in kept], r.body[kept], r.times[kept])
-
-
 def moving(r: own.Recorded) -> own.Recorded:
+    """The same drive, its scans bent by the ego's motion."""
     return own.record(FRAMES, moves=True)
 
 
-CAR_POSES = {"poses": {**TUM, "axes": ["forward", "left", "up"]}}
-LOW = {"sensor": {"height": 1.2, "place": own.PLACE.tolist()}}
-PITCHED = [[0.9848, 0, 0.1736], [0, 1, 0], [-0.1736, 0, 0.9848]]
-# The fault, how it is written, what is said of it, and a pattern of what mends it.
-FAULTS: dict[str, tuple[Change, dict[str, Any], str, str]] = {
-    "upside down": (
-        *(turned(np.diag([1, -1, -1])), CAR_POSES, "scan upside down"),
-        r"scans: \{axes: \[forward, right, down\]\}, poses: \{axes: \[forward, left, up\]\}",
-    ),
-    "on its side": (
-        *(turned([[1, 0, 0], [0, 0, -1], [0, 1, 0]]), CAR_POSES, "wrong axes"),
-        r"scans: \{axes: \[forward, down, left\]\}, poses: \{axes: \[forward, left, up\]\}",
-    ),
-    "x right, y forward": (
-        *(turned([[0, -1, 0], [1, 0, 0], [0, 0, 1]]), {}, "wrong axes"),
-        r"scans: \{axes: \[right, forward, up\]\}, poses: \{axes: \[forward, left, up\]\}",
-    ),
-    "no ground": (scans(lambda p: p[p[:, 2] > -1.5]), {}, "no ground found", "give whole scans"),
-    "another height": (same, LOW, "wrong height", r"sensor: \{height: 2\.0[789]\}"),
-    "tilted": (turned(PITCHED), CAR_POSES, "sensor tilted", r"sensor: \{angles: \[-?0\.\d, -(9|10)\.\d, 0\]\}"),
-    "millimetres": (units(1000), {}, "poses in other units", r"poses: \{scale: 0\.001\}"),
-    "kilometres": (units(0.001), {}, "poses in other units", r"poses: \{scale: 1000\}"),
-    "feet": (units(1 / 0.3048), {}, "poses in other units", r"poses: \{scale: 0\.3048\}"),
-    "north, east, down": (
-        *(poses(np.diag([1.0, -1, -1]), NED), {}, "poses in another frame"),
-        r"poses: \{axes: \[forward, right, down\], world: \[north, east, down\]\}",
-    ),
-    "camera": (
-        *(poses(CAMERA, CAMERA), {}, "poses in another frame"),
-        r"poses: \{axes: \[right, down, forward\], world: \[south, down, east\]\}",
-    ),
-    "world to car": (inverted, {}, "poses in another frame", r"poses: \{inverse: true\}"),
-    "clock ahead": (same, {"poses": {**TUM, "clock": 0.2}}, "clock offset", r"poses: \{clock: -?0\.0[0-2]\}"),
-    "clock behind": (same, {"poses": {**TUM, "clock": -0.3}}, "clock offset", r"poses: \{clock: -?0\.0[0-2]\}"),
-    "gap": (without, {}, "gaps", "1 in 56 frames, the longest 0.5 s after frame 19, .*copy the scans"),
-    "motion within the sweep": (
-        *(moving, {}, "motion within the sweep"),
-        r"deskew: \{by: azimuth, turn: counterclockwise\}",
-    ),
-}
+BENT = Fault(moving, {}, "motion within the sweep", r"deskew: \{by: azimuth, turn: counterclockwise\}")
+FAULTS = {**HARM, "motion within the sweep": BENT}
 
 
 def found_in(folder: Path) -> list[tuple[str, str]]:

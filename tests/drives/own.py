@@ -24,7 +24,8 @@ Array = NDArray[np.float64]
 
 PERIOD = 0.1
 PLACE = np.array([0.4, -0.3, 1.15])  # of the sensor in the body frame, metres; KITTI's sits elsewhere
-HEIGHT = 0.93 + PLACE[2]  # above the road: the body frame's origin is 0.93 m above it
+BODY_HEIGHT = 0.93  # of the body frame's origin above the road, metres
+HEIGHT = BODY_HEIGHT + PLACE[2]
 BODY = {"rear": -1.4, "front": 2.9, "half_width": 0.95}
 
 
@@ -36,24 +37,31 @@ class Recorded(NamedTuple):
         since: of each frame the seconds (N,) since its sweep began.
         body: (T, 4, 4) poses of the body.
         times: (T,) seconds.
+        place: of the sensor in the body frame, metres.
     """
 
     scans: list[NDArray[np.float32]]
     since: list[Array]
     body: Array
     times: Array
+    place: Array = PLACE
 
     @property
     def sensor(self) -> Array:
         """Poses (T, 4, 4) of the sensor."""
-        return self.body @ offset()
+        return self.body @ offset(self.place)
 
 
-def offset() -> Array:
+def offset(place: Array = PLACE) -> Array:
     """The sensor in the body frame (4, 4)."""
     pose = np.eye(4)
-    pose[:3, 3] = PLACE
+    pose[:3, 3] = place
     return pose
+
+
+def above_road(place: Array) -> float:
+    """Height of a sensor at that place in metres."""
+    return float(BODY_HEIGHT + place[2])
 
 
 @cache
@@ -72,10 +80,10 @@ def sensor_of(beams: int, columns: int) -> HDL64E:
 @cache
 def record(
     frames: int = 60, beams: int = 32, columns: int = 720, moves: bool = False, seed: int = 5, town: int = 1,
-    pace: float = 8.0,
+    pace: float = 8.0, place: tuple[float, float, float] = (0.4, -0.3, 1.15),
 ) -> Recorded:  # fmt: skip
     """Drive and look; where the sensor `moves` within a sweep, a scan is stamped at its start."""
-    world, sensor = scene(frames, seed, town, pace), sensor_of(beams, columns)
+    world, sensor, mounted = scene(frames, seed, town, pace), sensor_of(beams, columns), offset(np.array(place))
     still, device = world.targets()
     times, random = np.asarray(PERIOD * np.arange(frames), np.float64), np.random.default_rng(0)
     scans, since = [], []
@@ -84,13 +92,13 @@ def record(
         firing = None
         if moves:
             when = np.asarray(times[k] + PERIOD * np.arange(columns) / columns, np.float64)
-            firing = poses_at(when, times, world.ego.pose) @ offset()
+            firing = poses_at(when, times, world.ego.pose) @ mounted
         target = Target(moving, device) if moving else None
-        points, _ = sensor.scan(still, target, world.ego.pose[k] @ offset(), random, firing)
+        points, _ = sensor.scan(still, target, world.ego.pose[k] @ mounted, random, firing)
         turned = np.mod(np.arctan2(points[:, 1], points[:, 0]).astype(np.float64), 2 * np.pi) / (2 * np.pi)
         scans.append(points)
         since.append(PERIOD * np.floor(turned * columns) / columns)
-    return Recorded(scans, since, world.ego.pose, times)
+    return Recorded(scans, since, world.ego.pose, times, np.array(place))
 
 
 def write(
@@ -121,7 +129,7 @@ def write(
     np.savetxt(folder / "path.txt", rows, "%.9f", header="t x y z qx qy qz qw")
     np.savetxt(folder / "times.txt", recorded.times, "%.9f")
     said = {
-        "sensor": {"height": float(HEIGHT), "place": PLACE.tolist()},
+        "sensor": {"height": above_road(recorded.place), "place": recorded.place.tolist()},
         "scans": {"folder": "lidar", **({"columns": ["x", "y", "z", "intensity", "time"]} if with_time else {})},
         "poses": {"format": "tum", "file": "path.txt"},
         "times": {"file": "times.txt"},
