@@ -55,8 +55,11 @@ def check(drive: Drive) -> Checked:
     else:
         if not np.allclose(ground.level, np.eye(3)):
             findings = [findings[0]._replace(mend=mend_axes(*scans_and_poses(seen), settings))]
-        findings += compare_poses(seen, settings)
-        findings += find_clock(seen, settings)
+        clock, told = find_clock(seen, settings)
+        findings += [*compare_poses(seen, settings, clocks_differ=bool(clock)), *clock]
+        notes += told
+        if not seen.turns:
+            notes.append("the ego goes straight on: poses whose y and z point the other way would look the same")
         if findings:
             notes.append("motion within the sweep is looked for when the rest is mended")
         else:

@@ -19,14 +19,21 @@ REACH = GridSpec().reach
 FEWEST_POINTS, FEWEST_STEPS = 100, 10
 WORST_COST = 0.5  # metres of a match that is worth something
 LEAST_STEP = 0.15  # metres between scans, below which a step says nothing
-LEAST_TURN = 0.15  # radians in all, below which turns say nothing
+LEAST_TURN = 0.05  # radians between the headings farthest apart, below which turns say nothing
 SCALES = (1.25, 0.8)  # by which poses may move more, or less, than scans say
 USUAL_SCALES = (1000.0, 100.0, 10.0, 0.3048, 0.1, 0.01, 0.001)
-CLEARER = 0.4  # by which another frame must fit better, of 2 at most
+CLEARER, SLIGHTLY = 0.2, 0.05  # of the best score there can be, by which another frame must fit better
+DEGREE = 111_320.0  # metres, of a meridian
+DEGREES = (0.9 / DEGREE, 2.9 / DEGREE)  # of longitude or latitude that a metre is, up to 70 degrees north
 NED = np.array([[0, 1, 0], [1, 0, 0], [0, 0, -1]], np.float64)  # its axes seen from east, north and up
+FRAMES = (  # what poses are of where they are not of the scans' frame: forward, right, down; a camera
+    np.diag([1.0, -1.0, -1.0]),
+    np.array([[0, 0, 1], [-1, 0, 0], [0, -1, 0]], np.float64),
+)
 
 
 WRONG_AXES = "wrong axes"
+OTHER_UNITS = "poses in other units"
 
 
 class Driven(NamedTuple):
@@ -54,6 +61,11 @@ class Driven(NamedTuple):
     def moving(self) -> NDArray[np.bool_]:
         """Which steps (n,) are long enough to say something."""
         return np.hypot(self.matched[:, 0], self.matched[:, 1]) > LEAST_STEP
+
+    @property
+    def turns(self) -> bool:
+        """Whether the ego turns enough to tell left from right, and up from down, in its poses."""
+        return float(np.ptp(np.cumsum(self.matched[:, 2]))) > LEAST_TURN
 
 
 class Fit(NamedTuple):
@@ -121,8 +133,12 @@ def _standing_up(points: NDArray[np.float32], ground: GroundFound) -> FloatArray
     return flat(level[MarkovRandomField().obstacles(level, REACH, ground.height)].astype(np.float64))
 
 
-def compare_poses(seen: Driven, settings: Settings) -> list[Finding]:
+def compare_poses(seen: Driven, settings: Settings, clocks_differ: bool) -> list[Finding]:
     """Axes of scans, frame and unit of poses: what looks wrong about them."""
+    if _in_degrees(seen):
+        how = "they move by as few units as degrees of longitude and latitude are in a metre"
+        mend = "write them in metres, or give KITTI's packets with `poses: {format: oxts}`"
+        return [Finding(OTHER_UNITS, how, mend)]
     to_car, heading = _to_car(seen)
     of_scans = to_car @ seen.level
     fit = fit_poses(seen, to_car, of_scans)
@@ -133,11 +149,11 @@ def compare_poses(seen: Driven, settings: Settings) -> list[Finding]:
         findings.append(Finding(WRONG_AXES, how, mend_axes(of_scans, fit, settings)))
     if fit.inverse or not _own_frame(fit, of_scans) or _world_of(seen, fit) is not None:
         findings.append(_other_frame(seen, fit, settings))
-    if not is_usual(fit.scale):
+    if not (is_usual(fit.scale) or (clocks_differ and may_be_clock(fit.scale))):
         how = f"they move {1 / fit.scale:.3g} times as far as neighbouring scans say"
         now = settings.folder.track.said.scale if settings.folder else 1.0
         mend = settings.write(f"poses: {{scale: {now * _rounded(fit.scale):.4g}}}")
-        findings.append(Finding("poses in other units", how, mend))
+        findings.append(Finding(OTHER_UNITS, how, mend))
     return findings
 
 
@@ -160,10 +176,25 @@ def is_usual(scale: float) -> bool:
     return 1 / SCALES[0] <= scale <= 1 / SCALES[1]
 
 
+def may_be_clock(scale: float) -> bool:
+    """Whether poses of that many metres a unit may be in metres, but of other moments than the scans."""
+    return 0.5 < scale < 2
+
+
+def _in_degrees(seen: Driven) -> bool:
+    """Whether the places of poses are longitudes and latitudes, whatever their heights are in."""
+    moved = np.linalg.norm(np.diff(seen.poses[:, :2, 3], axis=0), axis=1).sum()
+    return bool(DEGREES[0] < moved / np.hypot(*seen.matched[:, :2].T).sum() < DEGREES[1])
+
+
 def _rounded(scale: float) -> float:
     """The usual unit that is meant, or else what was found."""
     usual = min(USUAL_SCALES, key=lambda unit: abs(np.log(unit / scale)))
     return usual if abs(np.log(usual / scale)) < 0.1 else scale
+
+
+def _is_unit(scale: float) -> bool:
+    return _rounded(scale) in USUAL_SCALES
 
 
 def _to_car(seen: Driven) -> tuple[FloatArray, int]:
@@ -190,23 +221,27 @@ def fit_poses(seen: Driven, to_car: FloatArray, of_scans: FloatArray) -> Fit:
     moving = seen.moving
     steps = np.column_stack([seen.matched[:, :2], np.zeros(len(seen.matched))])[moving] @ to_car.T
     turns = np.column_stack([np.zeros((len(seen.matched), 2)), seen.matched[:, 2]])
-    turns_say = np.abs(turns[:, 2]).sum() > LEAST_TURN
     found = []
     for inverse in (False, True):
         posed = motions(np.asarray(np.linalg.inv(seen.poses) if inverse else seen.poses, np.float64))
         shift, spin = posed[moving, :3, 3], spins(posed)
         length = np.linalg.norm(shift, axis=1)
         scale = float(np.linalg.norm(steps, axis=1).sum() / max(length.sum(), 1e-9))
-        for turned in (of_scans, np.eye(3), *SQUARE):
-            alike = (steps * (shift @ turned.T)).sum(axis=1) / np.maximum(np.linalg.norm(steps, axis=1) * length, 1e-9)
+        for turned in (of_scans, np.eye(3), *FRAMES, *SQUARE):
+            both = ((scale * shift) ** 2).sum(axis=1) + (steps**2).sum(axis=1)
+            alike = 2 * scale * (steps * (shift @ turned.T)).sum(axis=1) / np.maximum(both, 1e-9)  # 1 if they are equal
             score = float(np.median(alike))
-            if turns_say:
+            if seen.turns:
                 size = np.sqrt((turns**2).sum() * (spin**2).sum())
                 score += float((turns * (spin @ turned.T)).sum() / max(size, 1e-9))
             found.append(Fit(turned, inverse, scale, score))
-    best = max(found, key=lambda fit: fit.score)
+    best = max(found, key=lambda fit: round(fit.score, 2))  # the first, which is the likeliest, of those alike
     likeliest = max(found[:2], key=lambda fit: fit.score)
-    return best if best.score > likeliest.score + CLEARER else likeliest
+    # A path in a unit that nobody uses is likelier read the wrong way.
+    clearer = (
+        CLEARER if is_usual(likeliest.scale) or not is_usual(best.scale) or _is_unit(likeliest.scale) else SLIGHTLY
+    )
+    return best if best.score > likeliest.score + clearer * (2 if seen.turns else 1) else likeliest
 
 
 def spins(posed: FloatArray) -> FloatArray:
