@@ -21,6 +21,7 @@ from envpred.networks.prednet import PredNet
 
 # A forecast whose cells differ by less than this over a whole validation says nothing: its output has died.
 DEAD = 1e-6
+_LITTLE = 0.01  # static error that is added: where nothing happens there is nothing to win
 
 
 class PredNetForecaster(Forecaster):
@@ -44,7 +45,8 @@ class PredNetForecaster(Forecaster):
         lr_drop: factor on the learning rate.
         first_scored: first frame that the loss of stage t+5 counts; 1 as in the paper, or `given` for forecasts alone.
         t5_error: what the loss of stage t+5 averages: absolute errors as in the paper, whose best forecast is the
-            median and stays sharp, or squared ones, whose best forecast is the mean and scores a lower MSE.
+            median and stays sharp; squared ones, whose best forecast is the mean and scores a lower MSE; or these as a
+            share of the static baseline's in the same frame, so that windows in which little changes count, too.
         fixed_frame: read all frames on the grid of the last one shown, on which what stands, stands still; forecasts
             are then moved to where the ego is likeliest to be, and cells that were not read are unknown.
         context: read the wide grid in the fixed frame, as far as the ego may go.
@@ -68,7 +70,7 @@ class PredNetForecaster(Forecaster):
         t5_drop_epoch: int = 75,
         lr_drop: float = 0.1,
         first_scored: int = 1,
-        t5_error: Literal["absolute", "squared"] = "absolute",
+        t5_error: Literal["absolute", "squared", "share"] = "absolute",
         init_from: str | None = None,
         fixed_frame: bool = False,
         context: bool = False,
@@ -154,6 +156,9 @@ class PredNetForecaster(Forecaster):
         first = int(self.hparams["first_scored"])
         error = frames[:, first:] - predictions[:, first:]
         error = error.abs() if self.hparams["t5_error"] == "absolute" else error.square()
+        if self.hparams["t5_error"] == "share":
+            static = (frames[:, first:] - frames[:, self.given - 1 : self.given]).square().mean((2, 3, 4), keepdim=True)
+            error = 0.1 * error / (static + _LITTLE)
         return 0.5 * _mean(error, None if judged is None else judged[:, first:])
 
     def training_step(self, batch: WindowBatch, batch_index: int) -> Tensor:

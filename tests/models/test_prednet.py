@@ -75,6 +75,17 @@ def test_t5_loss_by_hand(first: int) -> None:
     assert squared.t5_loss(frames, predictions).item() == pytest.approx(expected)
 
 
+def test_t5_loss_as_a_share_of_the_static_baselines_by_hand() -> None:
+    """Three frames are shown; in the fourth half of the cells has changed by 1, static's squared error is 0.5."""
+    model = prednet(first_scored=3, t5_error="share")
+    frames, predictions = torch.zeros(2, 4, 2, 2, 2), torch.zeros(2, 4, 2, 2, 2)
+    frames[0, 3, :, 0] = 1.0
+    predictions[:, 3] = 0.2  # off by 0.8 where it has changed, by 0.2 elsewhere, and in the window that stands
+    moving, standing = (0.64 + 0.04) / 2 / (0.5 + 0.01), 0.04 / 0.01
+    expected = 0.5 * 0.1 * (moving + standing) / 2
+    assert model.t5_loss(frames, predictions).item() == pytest.approx(expected, rel=1e-5)
+
+
 def test_learning_rates_of_both_stages() -> None:
     model = prednet(t1_epochs=3, t1_lr=1e-3, t1_drop_epoch=2, t5_epochs=3, t5_lr=5e-4, t5_drop_epoch=1, lr_drop=0.1)
     np.testing.assert_allclose([model.learning_rate(e) for e in range(6)], [1e-3, 1e-3, 1e-4, 5e-4, 5e-5, 5e-5])
