@@ -9,10 +9,9 @@ from envpred.mapping.geometry import FloatArray
 from envpred.mapping.sweep_motion import View, share_left_in
 from envpred.mapping.trajectory import poses_at
 
-APART = 10  # frames between two views
-FEWEST = 3 * APART  # frames: of fewer, all views are of one place, and what others do there looks like a shift
+APART = 6  # frames between two views
 LEAST_MOTION = 0.3  # metres in one sweep, below which nothing is seen of it
-LEFT_IN = 0.3  # share of it; where others stand between, less is found than there is
+LEFT_IN = 0.4  # share of it
 
 
 def find_bends(seen: Driven, drive: Drive, settings: Settings) -> tuple[list[Finding], list[str]]:
@@ -21,7 +20,7 @@ def find_bends(seen: Driven, drive: Drive, settings: Settings) -> tuple[list[Fin
     Poses must be right, and z up.
     """
     motion = float(np.median(np.hypot(*seen.matched[seen.moving, :2].T)))
-    if len(seen.points) < FEWEST or motion < LEAST_MOTION:
+    if len(seen.points) <= APART or motion < LEAST_MOTION:
         return [], []
     path = seen.poses
     starts = range(0, len(seen.points) - APART, max(1, (len(seen.points) - APART) // 8))

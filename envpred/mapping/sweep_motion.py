@@ -14,7 +14,7 @@ from envpred.mapping.geometry import FloatArray
 from envpred.mapping.scan_matching import KERNEL, moved, target
 
 GATE = 0.5  # metres within which points are paired
-ROUNDS, INNER = 12, 5
+ROUNDS, INNER = 6, 5
 STEP = 1.5  # of what a round finds, as pairs of nearest points hide a part of it
 FEWEST = 200  # pairs that say anything
 
