@@ -180,7 +180,12 @@ def test_live_writes_a_page_and_tells_how_long_it_took(
 
 def test_live_takes_weights_that_ship_by_name(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     write_drive(tmp_path, frames=7)
-    main(["live", str(tmp_path), "--weights=prednet_dst_static"])
+    weights = ["live", str(tmp_path), "--weights=prednet_dst_static"]
+    said = refusal([*weights, "--config=last_frame"])
+    assert said == "--weights prednet_dst_static says which forecaster: leave --config=last_frame out"
+    (left_out,) = remedy(said)
+    assert left_out == ["--config=last_frame"]
+    main(weights)
     assert ": 7 scans, 3 forecasts, 0 scans dropped, " in capsys.readouterr().out
 
 
@@ -209,9 +214,6 @@ def test_what_live_refuses(drive: Drive, tmp_path: Path, monkeypatch: pytest.Mon
     main(command)
     main(["live", source, "--grid.cells=32", *option])
     assert refusal(["live", source, "--config=prednet_small"]).startswith("the weights of PredNetForecaster must come")
-    assert refusal(["live", source, "--config=last_frame", "--weights=prednet_dst_static"]) == (
-        "--weights prednet_dst_static says which forecaster: leave --config=last_frame out"
-    )
     assert "did you mean prednet_dst_static?" in refusal(["live", source, "--weights=prednet_dst_statik"])
     (tmp_path / "a.ckpt").write_bytes(b"nothing")
     assert "holds more than weights, so it is not loaded" in refusal(["live", source, "--ckpt_path=a.ckpt"])
