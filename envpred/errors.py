@@ -54,6 +54,11 @@ def one_line(error: Exception) -> str:
     return printable(str(getattr(error, "strerror", None) or error))
 
 
+def shown(path: object) -> str:
+    """A path that somebody else has named, in printable letters: others may turn a line round, or end it."""
+    return "".join(letter if letter.isprintable() else "?" for letter in str(path))
+
+
 def printable(text: str, longest: int = REASON) -> str:
     """Text in one line of printable letters, the first `longest` of them."""
     return "".join(letter if letter.isprintable() else "?" for letter in " ".join(text.split()))[:longest]

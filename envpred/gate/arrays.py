@@ -19,7 +19,7 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from envpred.errors import UserError, one_line
+from envpred.errors import UserError, one_line, shown
 
 LARGEST = 2**32  # bytes that an archive's arrays may have together
 # What NumPy, torch, zipfile and their decompressors raise on what is no archive, or no longer.
@@ -119,8 +119,8 @@ def map_array(file: Path, dtype: str, shape: Sequence[int], remedy: str) -> np.m
 def _told(file: Path, remedy: str) -> Iterator[None]:
     try:
         yield
-    except FileNotFoundError:
-        raise UserError(f"{file}: missing; {remedy}") from None
+    except (FileNotFoundError, UnicodeEncodeError):
+        raise UserError(f"{shown(file)}: missing; {remedy}") from None
     except DAMAGED as error:
         raise UserError(f"{file}: damaged, or not what belongs there ({one_line(error)}); {remedy}") from None
 

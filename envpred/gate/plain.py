@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 import msgspec
 import yaml
 
-from envpred.errors import UserError, one_line, short
+from envpred.errors import UserError, one_line, short, shown
 
 HALVES = re.compile(rb"\\u[dD][89a-fA-F]")  # of characters beyond 16 bits, which must come in pairs
 
@@ -98,8 +98,8 @@ def conform(value: Any, schema: Any, file: Path | str, remedy: str, strict: bool
 def _content(file: Path, remedy: str) -> bytes:
     try:
         return file.read_bytes()
-    except FileNotFoundError:
-        raise UserError(f"{file}: missing; {remedy}") from None
+    except (FileNotFoundError, UnicodeEncodeError):  # the latter of a name that no file can have
+        raise UserError(f"{shown(file)}: missing; {remedy}") from None
     except OSError as error:
         raise UserError(f"{file}: cannot be read ({error.strerror}); {remedy}") from None
 
