@@ -61,4 +61,4 @@ def shown(path: object) -> str:
 
 def printable(text: str, longest: int = REASON) -> str:
     """Text in one line of printable letters, the first `longest` of them."""
-    return "".join(letter if letter.isprintable() else "?" for letter in " ".join(text.split()))[:longest]
+    return shown(" ".join(text.split()))[:longest]

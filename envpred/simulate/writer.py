@@ -42,18 +42,17 @@ def write_drive(
     _write_times(folder, start, lags)
     for k, line in enumerate(oxts_packets(scene.ego.earlier(lags), rng)):
         (packets / f"{k:010d}.txt").write_text(line + "\n", encoding="utf-8")
-    true = [scene.ego.sensor_pose(k)[:3].ravel() for k in range(scene.frames)]
-    np.savetxt(folder / TRUE_POSES, true, fmt="%.6f")
+    poses = np.stack([scene.ego.sensor_pose(k) for k in range(scene.frames)])
+    np.savetxt(folder / TRUE_POSES, poses[:, :3].reshape(-1, 12), fmt="%.6f")
     (folder / "oxts" / "dataformat.txt").write_text(_DATAFORMAT, encoding="utf-8")
 
     if swept:
         (folder / SETTINGS).write_text(_SWEPT, encoding="utf-8")
     still, device = scene.targets()
     seen: dict[int, list[Tracklet]] = {}
-    for k in range(scene.frames):
+    for k, pose in enumerate(poses):
         moving = scene.moving(k)
-        pose = scene.ego.sensor_pose(k)
-        firing = _firings(scene, sensor, k) if swept else None
+        firing = _firings(poses, sensor, k) if swept else None
         points, words = sensor.scan(still, Target(moving, device) if moving else None, pose, rng, firing, scene.clutter)
         points.tofile(data / f"{k:010d}.bin")
         words.tofile(truth / f"{k:010d}.label")
@@ -63,11 +62,11 @@ def write_drive(
     tracklets.write(folder / TRACKLETS, kept)
 
 
-def _firings(scene: Scene, sensor: HDL64E, frame: int) -> NDArray[np.float64]:
+def _firings(poses: NDArray[np.float64], sensor: HDL64E, frame: int) -> NDArray[np.float64]:
     """Poses (columns, 4, 4) of the sensor at every firing of a turn whose middle is the frame's moment."""
-    times = np.arange(scene.frames, dtype=np.float64) / RATE
+    times = np.arange(len(poses), dtype=np.float64) / RATE
     when = times[frame] + (sensor.azimuth / (2 * np.pi) - 0.5) / RATE
-    return poses_at(when, times, np.stack([scene.ego.sensor_pose(k) for k in range(scene.frames)]))
+    return poses_at(when, times, poses)
 
 
 def _follow(
