@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 import torch
 
+from benchmarks.timing import peak_memory
 from envpred.datamodules import GridDataModule
 from envpred.mapping.geometry import Body
 from envpred.networks.prednet import PredNet
@@ -102,12 +103,6 @@ def training_step(channels: tuple[int, ...], repeats: int) -> float:
         loss.backward()
         seconds.append(time.perf_counter() - start)
     return statistics.median(seconds[1:])
-
-
-def peak_memory() -> float:
-    """Largest resident memory of this process so far, in GiB; getrusage counts that of the one which started it."""
-    status = Path("/proc/self/status").read_text(encoding="utf-8")
-    return int(status.split("VmHWM:")[1].split()[0]) / 2**20
 
 
 def main() -> None:

@@ -8,13 +8,12 @@ scans, the drive's over and over, through one stream, and prints latency and mem
 """
 
 import argparse
-import resource
 from pathlib import Path
 
 import numpy as np
 import torch
 
-from benchmarks.timing import print_table
+from benchmarks.timing import peak_memory, print_table
 from envpred.cli.forecasters import chosen_forecaster
 from envpred.drives import Drive, one_drive
 from envpred.live.replay import READ, STAGES, WHOLE, Latency, replay, warmed
@@ -57,8 +56,7 @@ def drift(forecaster: Forecaster, drive: Drive, scans: int) -> None:
         stream.update(held[t], drive.poses[t], float(drive.times[t]) + turn * (float(drive.times[-1]) + 0.1))
         if (n + 1) % (scans // 10) == 0:
             ms = 1e3 * float(np.median(latency.stages.pop("forecast")))
-            memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-            rows.append((f"{n + 1}", f"{ms:.1f}", f"{memory:.0f}"))
+            rows.append((f"{n + 1}", f"{ms:.1f}", f"{1024 * peak_memory():.0f}"))
             latency.stages.clear()
     print_table(("scans", "forecast, median ms", "peak MiB"), rows)
 

@@ -1,8 +1,9 @@
-"""Timing things side by side: they take turns, so that a noisy machine meets all of them alike."""
+"""Timing things side by side: they take turns, so that a noisy machine meets all of them alike; and peak memory."""
 
 import statistics
 import time
 from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 
 
 def medians(
@@ -29,3 +30,9 @@ def print_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
     for row in (header, ["-" * width for width in widths], *rows):
         cells = [row[0].ljust(widths[0]), *(cell.rjust(width) for cell, width in zip(row[1:], widths[1:], strict=True))]
         print("  ".join(cells).rstrip())
+
+
+def peak_memory() -> float:
+    """Largest resident memory of this process so far, in GiB; getrusage counts that of the one which started it."""
+    status = Path("/proc/self/status").read_text(encoding="utf-8")
+    return int(status.split("VmHWM:")[1].split()[0]) / 2**20
