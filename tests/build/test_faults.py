@@ -26,7 +26,7 @@ pytestmark = pytest.mark.slow
 @pytest.fixture(scope="module")
 def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
     root = tmp_path_factory.mktemp("drives")
-    for number, frames in (("0001", 70), ("0002", 150), ("0003", 100)):
+    for number, frames in (("0001", 200), ("0002", 500), ("0003", 300)):
         builds.write_long_drive(root, number, frames)
     return root
 
@@ -83,9 +83,14 @@ def test_workers_end_when_their_parent_is_killed(source: Path, tmp_path: Path, u
 
 
 def interrupted(process: subprocess.Popen[str], store: Path) -> None:
-    """Ctrl-C as a shell gives it, to the whole process group, and what must be true afterwards."""
+    """Ctrl-C as a shell gives it, to the whole process group, and what must be true afterwards.
+
+    All processes stand still meanwhile: the signal reaches them where they are, however late this test comes to send it.
+    """
+    os.killpg(process.pid, signal.SIGSTOP)
     workers = builds.workers_of(process)
     os.killpg(process.pid, signal.SIGINT)
+    os.killpg(process.pid, signal.SIGCONT)
     _, stderr = process.communicate(timeout=60)
     assert process.returncode == 130, stderr
     assert "Traceback" not in stderr
