@@ -112,8 +112,7 @@ class CorrectedRolloutForecaster(RolloutForecaster):
     def _corrected(self, seen: Seen, horizons: int, which: Tensor, standing: float = 1.0) -> Tensor:
         """Probabilities (B, len(which), H, W) at the horizons `which` (0 is the first) of `horizons` rolled out."""
         windows = [self._window(seen, b) for b in range(len(seen["pose"]))]
-        with threads() as pool:
-            return torch.stack([self._correct(window, horizons, which, standing, pool) for window in windows])
+        return torch.stack([self._correct(window, horizons, which, standing, threads()) for window in windows])
 
     def _correct(
         self, window: Window, horizons: int, which: Tensor, standing: float, pool: ThreadPoolExecutor
@@ -163,8 +162,7 @@ class CorrectedRolloutForecaster(RolloutForecaster):
 
         def back(by: NDArray[np.float32], hit: NDArray[np.float32]) -> NDArray[np.float32]:
             corrected = scene._replace(world=replace(scene.world, hit=hit))
-            with threads() as again:  # the forecast's own is closed by now
-                return sensor.gradient(by[:, None], corrected, again.map, offset)
+            return sensor.gradient(by[:, None], corrected, pool.map, offset)
 
         rendered: Tensor = Rendering.apply(hit, render, back)  # type: ignore[no-untyped-call]
         return rendered
@@ -182,23 +180,24 @@ class CorrectedRolloutForecaster(RolloutForecaster):
         centre, margin = np.asarray(window["centre_cell"], np.int64), (cells - n) // 2
         low, high = _divided(low, high, cells)
         part = (..., slice(low[0], high[0]), slice(low[1], high[1]))
-        labels = np.stack([shifted(grid, centre[-1] - at) for grid, at in zip(label, centre, strict=True)])
+        labels = np.stack([shifted(grid, centre[-1] - at)[part] for grid, at in zip(label, centre, strict=True)])
         judged = np.zeros((3, cells, cells), np.float32)
         inside = slice(margin, margin + n)
         judged[:2, inside, inside], judged[2, inside, inside] = window["evidence"][-1], 1
+        judged = judged[part]
         last = _logit(0.5 + 0.5 * (judged[0] - judged[1])) / 4 * judged[2]
-        rows = [*(labels == OCCUPIED), *(labels == FREE), *mass, *judged, self._range(window, cells), last]
-        channels = torch.from_numpy(np.stack([row[part] for row in rows]).astype(np.float32))
+        rows = [*(labels == OCCUPIED), *(labels == FREE), *mass[part], *judged, self._range(window, low, high), last]
+        channels = torch.from_numpy(np.stack([np.asarray(row, np.float32) for row in rows]))
         return Canvas(channels, channels[2 * len(label) + 4], channels[-1]), low
 
-    def _range(self, window: Window, cells: int) -> FloatArray:
-        """Logarithm of each cell's distance to the sensor at the last frame shown."""
+    def _range(self, window: Window, low: NDArray[np.int64], high: NDArray[np.int64]) -> FloatArray:
+        """Logarithm of the distance to the sensor at the last frame shown, from cell `low` of the context to `high`."""
         x, y, heading = (float(value) for value in window["pose"][-1])
         ahead, left, _ = (float(value) / float(window["resolution"]) for value in window["sensor"])
         cos, sin = np.cos(heading), np.sin(heading)
-        first = np.asarray(window["centre_cell"][-1], np.int64) - cells // 2
-        i = np.arange(cells)[:, None] + first[0] - x - ahead * cos + left * sin
-        j = np.arange(cells)[None] + first[1] - y - ahead * sin - left * cos
+        first = np.asarray(window["centre_cell"][-1], np.int64) - window["context_label"].shape[-1] // 2
+        i = np.arange(low[0], high[0])[:, None] + first[0] - x - ahead * cos + left * sin
+        j = np.arange(low[1], high[1])[None] + first[1] - y - ahead * sin - left * cos
         return np.asarray(np.log1p(np.hypot(i, j) / 10) - 1.5)
 
     def training_step(self, batch: WindowBatch, batch_index: int) -> Tensor:

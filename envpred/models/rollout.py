@@ -1,8 +1,10 @@
 """The future measured again: the world as it was seen, scanned from where the ego will be, without anything learned."""
 
+import os
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from functools import cache
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -27,8 +29,14 @@ MANY, SOON = 512, 4  # futures that tell how likely each cell is, and the frames
 
 
 def threads() -> ThreadPoolExecutor:
-    """As many threads as torch takes, for the rays."""
-    return ThreadPoolExecutor(max(1, torch.get_num_threads()))
+    """As many threads as torch takes, for the rays.  They are kept: to start them anew takes a millisecond or two."""
+    return _threads(max(1, torch.get_num_threads()), os.getpid())
+
+
+@cache
+def _threads(count: int, process: int) -> ThreadPoolExecutor:
+    """So many threads of this process: none goes on in a fork."""
+    return ThreadPoolExecutor(count)
 
 
 class RolloutForecaster(Forecaster):
@@ -85,8 +93,7 @@ class RolloutForecaster(Forecaster):
 
     def forecast(self, seen: Seen, horizons: int) -> Forecast:
         windows = [self._window(seen, b) for b in range(len(seen["pose"]))]
-        with threads() as pool:
-            found = [self._rolled(window, self.ego(window, horizons), pool) for window in windows]
+        found = [self._rolled(window, self.ego(window, horizons), threads()) for window in windows]
         device = seen["pose"].device
         probability = torch.from_numpy(np.stack([mean for mean, _ in found])).to(device)
         drawn = [samples for _, samples in found if samples is not None]
@@ -95,17 +102,16 @@ class RolloutForecaster(Forecaster):
     def parts(self, seen: Seen, horizons: int) -> Parts:
         """What the forecast is made of."""
         worlds, rendered = [], []
-        with threads() as pool:
-            for window in (self._window(seen, b) for b in range(len(seen["pose"]))):
-                futures, offset = self.ego(window, horizons), self.offset(window)
-                scene, _ = self._scene(window, futures)
-                rendered.append(self._sensor(window).expected(scene, pool.map, offset))
-                scene = self._believed(scene, window)
-                centre, half = np.asarray(scene.centre_cell, np.int64), scene.mass.shape[-1] // 2
-                times = horizons, float(window["period"]), float(window["resolution"])
-                worlds.append(whole_world(scene.world, scene.movers, centre, times))
-                places = cells_of(futures) + offset - centre + scene.world.cells // 2
-                hide_unseen(worlds[-1], places.min(axis=0) - half, places.max(axis=0) + half)
+        for window in (self._window(seen, b) for b in range(len(seen["pose"]))):
+            futures, offset = self.ego(window, horizons), self.offset(window)
+            scene, _ = self._scene(window, futures)
+            rendered.append(self._sensor(window).expected(scene, threads().map, offset))
+            scene = self._believed(scene, window)
+            centre, half = np.asarray(scene.centre_cell, np.int64), scene.mass.shape[-1] // 2
+            times = horizons, float(window["period"]), float(window["resolution"])
+            worlds.append(whole_world(scene.world, scene.movers, centre, times))
+            places = cells_of(futures) + offset - centre + scene.world.cells // 2
+            hide_unseen(worlds[-1], places.min(axis=0) - half, places.max(axis=0) + half)
         device = seen["pose"].device
         return Parts(*(torch.from_numpy(np.stack(grids)).to(device) for grids in (worlds, rendered)))
 

@@ -186,7 +186,7 @@ class WorldCorrection(nn.Module):
     def __init__(self, given: int = 5, horizons: int = 15, width: int = 32, fine: int = 16, head: int = 16) -> None:
         super().__init__()
         self.trunk = Trunk(context_channels(given), width, fine)
-        self.project = nn.Parameter(torch.randn(horizons, head, fine) / fine**0.5)
+        self.project = nn.Parameter(torch.randn(horizons, fine, head) / fine**0.5)
         self.enter = nn.Linear(1, head)
         self.middle = nn.Linear(head, head)
         self.leave = nn.Linear(head, 1)

@@ -22,7 +22,7 @@ from envpred.results.result import RESULT
 from tests.models.trainers import grids, trainer
 from tests.store.stores import write_store
 
-SMALL: dict[str, Any] = {"given": 3, "horizons": 5, "width": 8, "fine": 8, "head": 8, "futures": 2, "max_epochs": 2}
+SMALL: dict[str, Any] = {"given": 3, "horizons": 5, "width": 8, "fine": 8, "head": 4, "futures": 2, "max_epochs": 2}
 
 
 @pytest.fixture(scope="module")
