@@ -11,6 +11,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from envpred.compiled import njit
 from envpred.simulate.clutter import NO_CLUTTER, Clutter, blend, graze, pass_leaves
 from envpred.simulate.mesh import MATERIALS, FloatArray, Mesh
 from envpred.simulate.rays import Struck, Target, strike
@@ -102,7 +103,10 @@ class HDL64E:
         if firing is None:
             rotation = pose[:3, :3].astype(np.float32)
             rays = self.directions @ rotation.T
-            start = pose[:3, 3].astype(np.float32) + self._lifted[:, None] * rotation[:, 2]
+            # Axis by axis: NumPy takes three times as long to do rows of three at once.
+            start = np.empty_like(rays)
+            for axis, place in enumerate(pose[:3, 3].astype(np.float32)):
+                np.add(place, self._lifted * rotation[axis, 2], out=start[:, axis])
         else:
             turned = firing[self.column].astype(np.float32)
             rays = np.einsum("nij,nj->ni", turned[:, :3, :3], self.directions)
@@ -110,11 +114,9 @@ class HDL64E:
         struck = strike(still, start, rays)
         pass_leaves(struck, still, start, rays, clutter.porosity, rng)
         if moving is not None:
-            chosen = (
-                np.flatnonzero(self._towards(moving.mesh, pose)[self.column])
-                if firing is None
-                else np.arange(len(rays))
-            )
+            chosen = np.arange(len(rays))
+            if firing is None:
+                chosen = np.flatnonzero(self._nearest(moving.mesh, pose)[self.column] < struck.distance)
             near = strike(moving, start[chosen], rays[chosen])
             closer = near.distance < struck.distance[chosen]
             struck.put(chosen[closer], near.of(closer))
@@ -124,7 +126,9 @@ class HDL64E:
         light = _REFLECTANCE[struck.material] * struck.cosine
         kept = np.flatnonzero(self._returned(struck, light, clutter.lost, rng))
         points = np.empty((len(kept), 4), np.float32)
-        np.multiply(self.directions.take(kept, axis=0), measured.take(kept)[:, None], out=points[:, :3])
+        ranges = measured.take(kept)
+        for axis in range(3):
+            np.multiply(self.directions[:, axis].take(kept), ranges, out=points[:, axis])
         points[:, 2] += self._lifted.take(kept)
         glint = 0.9 + 0.1 * rng.standard_normal(len(points), np.float32)
         points[:, 3] = np.round(np.clip(light.take(kept) * glint, 0, 0.99), 2)
@@ -140,21 +144,34 @@ class HDL64E:
         kept &= (draw[0] > lost + _LOST[struck.material]) & (draw[1] > np.exp(-signal / self.faint))
         return np.asarray(kept)
 
-    def _towards(self, mesh: Mesh, pose: FloatArray) -> NDArray[np.bool_]:
-        """Firings (columns,) in whose plane a vertex lies, or that lie between two vertices of one face."""
+    def _nearest(self, mesh: Mesh, pose: FloatArray) -> NDArray[np.float32]:
+        """Metres (columns,) that what a firing meets of a mesh is away at least; inf for those that cannot meet it."""
         local = (mesh.vertices - pose[:3, 3]) @ pose[:3, :3]
-        angle = np.arctan2(local[:, 1], local[:, 0])[mesh.faces]
-        first = angle[:, :1]
-        turn = (angle - first + np.pi) % (2 * np.pi) - np.pi
-        step = 2 * np.pi / self.columns
-        low = np.floor((first[:, 0] + turn.min(axis=1)) / step).astype(np.intp) - 1
-        high = np.ceil((first[:, 0] + turn.max(axis=1)) / step).astype(np.intp) + 1
-        # Marks of where intervals open and close, on three turns laid side by side, summed up.
-        marks = np.zeros(3 * self.columns + 1, np.intp)
-        np.add.at(marks, np.clip(low + self.columns, 0, None), 1)
-        np.add.at(marks, np.clip(high + self.columns, None, 3 * self.columns), -1)
-        covered = marks.cumsum()[:-1].reshape(3, self.columns).max(axis=0) > 0
-        return np.asarray(covered)
+        angle, away = np.arctan2(local[:, 1], local[:, 0]), np.hypot(local[:, 0], local[:, 1])
+        nearest = np.full(self.columns, np.inf, np.float32)
+        _look_at_faces(nearest, local, angle, away, mesh.faces)
+        return nearest
+
+
+@njit(nogil=True)
+def _look_at_faces(nearest, vertices, angle, away, faces):  # type: ignore[no-untyped-def]
+    """Lowers `nearest` (columns,) in each firing between two vertices of a face, and in one more at either side."""
+    columns = len(nearest)
+    step = 2 * np.pi / columns
+    for a, b, c in faces:
+        first = angle[a]
+        turn_b = (angle[b] - first + np.pi) % (2 * np.pi) - np.pi
+        turn_c = (angle[c] - first + np.pi) % (2 * np.pi) - np.pi
+        low = int(np.floor((first + min(0.0, turn_b, turn_c)) / step)) - 1
+        high = int(np.ceil((first + max(0.0, turn_b, turn_c)) / step)) + 1
+        # No point of a face is farther from its nearest vertex than the face's sides are long.
+        longest = 0.0
+        for u, v in ((a, b), (b, c), (c, a)):
+            x, y, z = vertices[u] - vertices[v]
+            longest = max(longest, np.sqrt(x * x + y * y + z * z))
+        least = min(away[a], away[b], away[c]) - longest
+        for column in range(low, high):
+            nearest[column % columns] = min(nearest[column % columns], least)
 
 
 @dataclass(frozen=True)

@@ -21,11 +21,13 @@ _CLASS = {
     "person": classes.PERSON,
 }
 PHASES = 4  # postures of a stride
+_STRIDES = {"bicycle", "person"}
 
 
 def road_user(kind: int, length: float, width: float, light: bool = True, phase: int = 0) -> Mesh:
     """The model of a road user of `traffic.KINDS[kind]`; `phase` is a walker's posture."""
-    return _road_user(KINDS[kind], round(length, 2), round(width, 2), light, phase % PHASES)
+    posture = phase % PHASES if KINDS[kind] in _STRIDES else 0
+    return _road_user(KINDS[kind], round(length, 2), round(width, 2), light, posture)
 
 
 @lru_cache(maxsize=256)

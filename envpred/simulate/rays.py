@@ -9,6 +9,7 @@ from embreex.rtcore import EmbreeDevice
 from embreex.rtcore_scene import EmbreeScene
 from numpy.typing import NDArray
 
+from envpred.compiled import njit
 from envpred.simulate.mesh import Mesh
 
 
@@ -51,8 +52,17 @@ class Struck:
 def strike(target: Target, start: NDArray[np.float32], rays: NDArray[np.float32]) -> Struck:
     """The first of `target` that rays (N, 3) from `start` (N, 3) meet."""
     hits = target.hit(start, rays)
-    face, normal, distance = hits["primID"].astype(np.intp), hits["Ng"], hits["tfar"]
+    face, distance = hits["primID"].astype(np.intp), hits["tfar"]
     distance[face < 0] = np.inf
-    length = np.sqrt(np.einsum("ij,ij->i", normal, normal))
-    cosine: NDArray[np.float32] = np.abs(np.einsum("ij,ij->i", normal, rays)) / np.maximum(length, np.float32(1e-12))
-    return Struck(distance, target.word[face], target.mesh.material[face], cosine)
+    return Struck(distance, target.word.take(face), target.mesh.material.take(face), incidence(hits["Ng"], rays))
+
+
+@njit(nogil=True)
+def incidence(normal, rays):  # type: ignore[no-untyped-def]
+    """Cosines (N,) of the angles between rays (N, 3), of length 1, and faces whose normals (N, 3) have any length."""
+    cosine = np.empty(len(normal), np.float32)
+    for n in range(len(normal)):
+        x, y, z = normal[n]
+        length = max(np.sqrt(x * x + y * y + z * z), np.float32(1e-12))
+        cosine[n] = abs(x * rays[n, 0] + y * rays[n, 1] + z * rays[n, 2]) / length
+    return cosine
