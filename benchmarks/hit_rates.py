@@ -36,9 +36,11 @@ def longest_stretch(drive: StoredDrive) -> slice:
     return slice(first, first + length)
 
 
-def examples_of(drive: StoredDrive, every: int) -> Examples:
-    """Examples of the longest stretch of a drive with a wide grid, `every` so many frames."""
+def examples_of(drive: StoredDrive, every: int, first: int | None = None) -> Examples:
+    """Examples of the longest stretch of a drive with a wide grid, or its `first` frames, `every` so many frames."""
     frames, cells = longest_stretch(drive), drive.grid.cells
+    if first is not None:
+        frames = slice(frames.start, min(frames.stop, frames.start + first))
     labels = np.array(drive.array("context_label")[frames])
     masses = np.array(drive.array("context_evidence")[frames], np.float32)
     rim = (labels.shape[-1] - cells) // 2

@@ -1,6 +1,7 @@
 """The rollout as a forecaster: what it needs, what it refuses, and what its forecasts are worth."""
 
 import json
+import multiprocessing
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ import torch
 from envpred.errors import UserError
 from envpred.models import RolloutForecaster, RolloutOracle
 from envpred.models.forecaster import Forecaster
+from envpred.models.rollout import threads
 from envpred.results.result import RESULT
 from envpred.store import Store
 from tests.models.trainers import grids, trainer
@@ -55,6 +57,20 @@ def test_same_seed_same_bits_whatever_the_threads_and_the_batch(store: Path) -> 
     data.batch_size = 1
     one = model.forecast(next(iter(data.test_dataloader()))["seen"], 5).probability
     torch.testing.assert_close(one[0], first[0], rtol=0, atol=0)
+
+
+def cast() -> None:
+    assert list(threads().map(abs, [-1, 2])) == [1, 2]
+
+
+def test_a_fork_has_threads_of_its_own() -> None:
+    """Those of the process that it was forked from do not go on in it, and would be waited for without end."""
+    cast()
+    assert threads() is threads()
+    fork = multiprocessing.get_context("fork").Process(target=cast, daemon=True)
+    fork.start()
+    fork.join(30)
+    assert fork.exitcode == 0
 
 
 def test_samples_have_the_forecast_for_their_mean(store: Path) -> None:
