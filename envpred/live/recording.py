@@ -94,6 +94,7 @@ class _Recorder:
         self._velocities(mapped, corner, height)
         self._boxes(step.frame)
         if step.forecast is None:
+            self.out.log("world/forecast", rr.Clear(recursive=True))  # the viewer would go on showing the last one
             return
         period = self.stream.period
         for n in shown_steps(len(step.forecast.stamp), period):

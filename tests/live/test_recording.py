@@ -57,7 +57,7 @@ def test_a_recording_holds_what_the_replay_came_to(drive: Drive, tmp_path: Path)
             steps.append(step)
     found = read(file)
     assert {name for name in found if not name.startswith("/__")} == {
-        *("/world", "/world/grid", "/world/velocities", "/world/sensor"),
+        *("/world", "/world/grid", "/world/velocities", "/world/sensor", "/world/forecast"),
         *(f"/world/sensor/{part}" for part in ("obstacles", "ground", "boxes")),
         *(f"/world/forecast/{ahead}" for ahead in ("0.1s", "0.5s", "1.0s", "1.5s")),
     }
@@ -80,6 +80,8 @@ def test_a_recording_holds_what_the_replay_came_to(drive: Drive, tmp_path: Path)
     picture = np.frombuffer(bytes(row["GridMap:data"][0]), np.uint8).reshape(64, 64)
     np.testing.assert_array_equal(picture[::-1].T, np.rint(100 * step.forecast.probability[4]).astype(np.uint8))
     assert row["GridMap:translation"][0][:2] == pytest.approx(step.forecast.origin[4], abs=1e-4)
+    cleared = [row["scan_time"].total_seconds() for row in found["/world/forecast"]]  # or the last would still be shown
+    assert cleared == pytest.approx([step.mapped.time for step in steps if step.mapped and not step.forecast], abs=1e-6)
     shown = [row for row in found["/world/sensor/boxes"] if row.get("Boxes3D:labels")]
     assert len(shown) == 6
     assert shown[0]["Boxes3D:half_sizes"] == [pytest.approx([2, 1, 0.75])]
