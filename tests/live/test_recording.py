@@ -41,12 +41,24 @@ def stream_of(drive: Drive) -> Stream:
     )
 
 
-def read(file: Path) -> dict[str, list[dict[str, Any]]]:
-    """The rows of a recording by entity, in order."""
+def read(file: Path, views: bool = False) -> dict[str, list[dict[str, Any]]]:
+    """The rows of a recording by entity, in order; or those of what the viewer shows at first."""
     found: dict[str, list[dict[str, Any]]] = {}
-    for part in chunk.RrdReader(file).stream().to_chunks():
+    reader = chunk.RrdReader(file)
+    (store,) = reader.blueprints() if views else reader.recordings()
+    for part in reader.stream(store=store).to_chunks():
         found.setdefault(part.entity_path, []).extend(part.to_record_batch().to_pylist())
     return {entity: sorted(rows, key=lambda row: str(row.get("scan_time", ""))) for entity, rows in found.items()}
+
+
+def views(file: Path) -> dict[str, list[str]]:
+    """What the views that a recording opens with show, by their names."""
+    shown = read(file, views=True)
+    named = {entity: row for entity, rows in shown.items() for row in rows if "ViewBlueprint:display_name" in row}
+    return {
+        row["ViewBlueprint:display_name"][0]: shown[f"{entity}/ViewContents"][0]["ViewContents:query"]
+        for entity, row in named.items()
+    }
 
 
 def test_a_recording_holds_what_the_replay_came_to(drive: Drive, tmp_path: Path) -> None:
@@ -58,8 +70,13 @@ def test_a_recording_holds_what_the_replay_came_to(drive: Drive, tmp_path: Path)
     found = read(file)
     assert {name for name in found if not name.startswith("/__")} == {
         *("/world", "/world/grid", "/world/velocities", "/world/sensor", "/world/forecast"),
-        *(f"/world/sensor/{part}" for part in ("obstacles", "ground", "boxes")),
+        *(f"/world/sensor/{part}" for part in ("obstacles", "ground", "boxes", "ego")),
         *(f"/world/forecast/{ahead}" for ahead in ("0.1s", "0.5s", "1.0s", "1.5s")),
+    }
+    assert found["/__properties"][0]["RecordingInfo:name"] == [drive.name]
+    assert views(file) == {
+        "now": ["world/grid", "world/velocities", "world/sensor/**"],
+        **{f"in {ahead} s": [f"world/forecast/{ahead}s", "world/sensor/ego"] for ahead in (0.1, 0.5, 1.0, 1.5)},
     }
     grids = found["/world/grid"]
     assert len(grids) == len(drive.frames) == len(found["/world/sensor/obstacles"])
@@ -71,6 +88,8 @@ def test_a_recording_holds_what_the_replay_came_to(drive: Drive, tmp_path: Path)
         np.testing.assert_array_equal(picture[::-1].T, percent)  # a picture begins in the north
         assert row["GridMap:cell_size"] == pytest.approx([1 / 3])
         assert len(points["Points3D:positions"]) == -(-step.mapped.obstacle.sum() // EVERY["obstacles"])
+        (colour,) = points["Points3D:colors"]  # seen on black and on white
+        assert 50 < np.mean([colour >> place & 255 for place in (8, 16, 24)]) < 200
         middle = np.array(row["GridMap:translation"][0]) + 32 / 3
         assert np.abs(middle[:2] - step.mapped.pose[:2, 3]).max() < 0.5
     forecasts = found["/world/forecast/0.5s"]
@@ -82,6 +101,10 @@ def test_a_recording_holds_what_the_replay_came_to(drive: Drive, tmp_path: Path)
     assert row["GridMap:translation"][0][:2] == pytest.approx(step.forecast.origin[4], abs=1e-4)
     cleared = [row["scan_time"].total_seconds() for row in found["/world/forecast"]]  # or the last would still be shown
     assert cleared == pytest.approx([step.mapped.time for step in steps if step.mapped and not step.forecast], abs=1e-6)
+    (ego,) = found["/world/sensor/ego"]
+    size, middle = 2 * np.array(ego["Boxes3D:half_sizes"][0]), np.array(ego["Boxes3D:centers"][0])
+    assert [*(middle - size / 2)] == pytest.approx([drive.body.rear, -drive.body.half_width, -drive.sensor_height])
+    assert [*(middle + size / 2)] == pytest.approx([drive.body.front, drive.body.half_width, 0])
     shown = [row for row in found["/world/sensor/boxes"] if row.get("Boxes3D:labels")]
     assert len(shown) == 6
     assert shown[0]["Boxes3D:half_sizes"] == [pytest.approx([2, 1, 0.75])]
@@ -109,6 +132,8 @@ def test_live_records_every_second_scan(drive: Drive, tmp_path: Path, monkeypatc
     source = str(drive.folder.parents[1])  # type: ignore[attr-defined]
     main(["live", source, "--config=last_frame", "--grid.cells=32", "--every=2", "--out=live.rrd,live.html"])
     found = read(Path("live.rrd"))
+    assert views(Path("live.rrd"))["in 1.0 s"][0] == "world/forecast/1.0s"
+    assert len(found["/world/forecast/1.0s"]) > 0
     assert len(found["/world/grid"]) == 14  # of thirty frames, one of which has no scan
     assert len([row for row in found["/world/sensor/boxes"] if row.get("Boxes3D:labels")]) == 3
     assert {file.name for file in tmp_path.iterdir()} == {"live.rrd", "live.html"}
