@@ -28,7 +28,7 @@ MARGIN = 8  # cells of the canvas around the future grids
 
 
 class CorrectedRolloutForecaster(RolloutForecaster):
-    """The rollout, corrected by a network of 0.4 M parameters that looks at all that was seen.
+    """The rollout, corrected by a small network that looks at all that was seen.
 
     Trained by squared errors, as a share of the static baseline's of the same window where `error` says so: windows in
     which little happens count as much as others.
