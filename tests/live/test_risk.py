@@ -120,6 +120,23 @@ def test_the_body_lies_where_its_sensor_does_and_may_be_larger() -> None:
     same(risk(east(1), standing(grids), margin=2.0).least, [0.4])
 
 
+def test_a_turn_through_west_keeps_facing_west() -> None:
+    """Half way from 170 to -170 degrees, at x = 22, a body of 3 m ahead of its pose covers x = 19 to 22."""
+    grids = empty(2)
+    grids[0][cell(20)] = 0.3
+    plan = np.array([[21, LANE, np.radians(170), 0], [23, LANE, np.radians(-170), 2]])
+    same(risk(plan, standing(grids), Body(rear=0, front=3, half_width=0.5)).least[:1], [0.3])
+
+
+def test_the_sensors_place_turns_with_the_body() -> None:
+    """Facing north, 2 m ahead and 1 m to the left of (22, 20) is (21, 22): the body covers x = 21, y = 21 to 23."""
+    grids = empty(1)
+    grids[0][cell(21, 22)] = 0.4
+    north = east(1)
+    north[:, 2] = np.pi / 2
+    same(risk(north, standing(grids, sensor=(2.0, 1.0, 0.0))).most, [0.4])
+
+
 @pytest.mark.parametrize(
     ("plan", "line"),
     [
