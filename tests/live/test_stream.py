@@ -92,6 +92,10 @@ def test_the_grids_of_a_forecast_have_a_place_and_a_time(drive: Drive) -> None:
     ego = np.stack([drive.pose(k)[:2, 3] for k in range(11, 18)])
     assert np.abs(middle[:7] - ego).max() < 2 * forecast.resolution
     assert forecast.probability.shape == (15, 32, 32)
+    late = stream.update(drive.scan(11), drive.pose(11), drive.time(11), delay=0.25)
+    assert late is not None
+    assert late.delay == 0.25
+    assert late.stamp == pytest.approx(1.1 + 0.25 + 0.1 * np.arange(1, 16))
 
 
 def test_exports_take_the_last_forecast(drive: Drive) -> None:
