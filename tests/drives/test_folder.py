@@ -87,6 +87,8 @@ def test_poses_of_a_camera_in_its_own_world(folder: Path, recorded: own.Recorded
     inverse = np.linalg.inv(camera.T @ recorded.body @ camera)
     inverse[:, :3, 3] *= 1000
     (folder / "poses.txt").write_text(own.kitti(inverse))
+    own.say(folder, poses={**said, "inverse": True, "scale": 0.001})
+    np.testing.assert_allclose(one_drive(folder).poses, recorded.body, atol=1e-9)
     own.say(folder, poses={**said, "inverse": True, "scale": 1.0})
     with pytest.raises(UserError, match="no car is that fast"):
         oddities(one_drive(folder), np.eye(4))
@@ -113,6 +115,10 @@ def test_poses_have_gaps_where_nothing_is_interpolated(folder: Path) -> None:
     dense[:, 0] = rows[0, 0] + 0.005 * np.arange(len(dense))
     np.savetxt(folder / "path.txt", dense[(dense[:, 0] < 100.25) | (dense[:, 0] > 100.35)])
     assert one_drive(folder).frames == [0, 1, 2, 4, 5, 6, 7]
+    np.savetxt(folder / "path.txt", dense[(dense[:, 0] < 100.201) | (dense[:, 0] > 100.35)])
+    assert one_drive(folder).frames == [0, 1, 2, 4, 5, 6, 7]  # the last before it was taken with a scan
+    np.savetxt(folder / "path.txt", rows[2:3])
+    assert one_drive(folder).frames == [2]
 
 
 def test_times_in_names_files_and_periods(folder: Path, recorded: own.Recorded) -> None:
@@ -141,6 +147,7 @@ def test_lines_are_numbered_like_scans_where_some_are_missing(folder: Path, reco
     own.say(folder, poses={"format": "kitti", "file": "poses.txt"})
     drive = one_drive(folder)
     assert drive.frames == [0, 1, 3, 4, 5, 6, 7]
+    assert drive.stretches() == [(0, 2), (2, 5)]
     np.testing.assert_allclose(drive.pose(3), recorded.body[3])
     np.testing.assert_allclose(drive.time(3), 0.3)
 
@@ -191,6 +198,37 @@ def test_points_are_timed_from_the_moment_of_the_stamp(
     assert drive.said.deskew is not None
     since = drive.scans.since_stamp(drive.sweep(2), drive.said.deskew, drive.period)
     assert (since.min(), since.max()) == pytest.approx((first, first + 0.09), abs=1e-6)
+
+
+def facing(degrees: float) -> list[float]:
+    """Where a body stands that faces so many degrees left of east, as TUM's files have it."""
+    return [0, 0, 0, 0, 0, np.sin(np.radians(degrees) / 2), np.cos(np.radians(degrees) / 2)]
+
+
+@pytest.mark.parametrize(
+    ("path", "seen"),
+    [
+        # North until 0.14 s, north-west from 0.16 s on: the sensor, 1 m ahead of the body, comes from (0, 1) to
+        # sqrt(1/2) (-1, 1).  What was 2 m ahead of it, at (0, 3), is then 3 sqrt(1/2) - 1 m ahead and 3 sqrt(1/2) m to
+        # the right.
+        ([[t / 50, *facing(90 if t <= 7 else 135)] for t in range(16)], (3 * np.sqrt(0.5) - 1, -3 * np.sqrt(0.5))),
+        # East at 10 m/s, as two poses a second apart say: 0.6 m further after 0.06 s.
+        ([[t, 10 * t, 0, 0, 0, 0, 0, 1] for t in (0, 1)], (1.4, 0)),
+    ],
+    ids=["dense", "sparse"],
+)
+def test_a_scan_is_straightened_by_the_poses_around_it(
+    tmp_path: Path, path: list[list[float]], seen: tuple[float, float]
+) -> None:
+    """Of four scans from 0 to 0.3 s the second: the same point twice, at 0.1 s and at 0.16 s."""
+    scan = np.array([[2, 0, 0, 0.5], [*seen, 0, 0.5]], np.float32)
+    times = np.asarray(0.1 * np.arange(4), np.float64)
+    since = np.array([0, 0.06])
+    four = own.Recorded([scan] * 4, [since] * 4, np.tile(np.eye(4), (4, 1, 1)), times, np.array([1, 0, 0]))
+    folder = own.write(tmp_path / "mine", four, settings={"deskew": {"by": "time", "stamp": "start"}}, with_time=True)
+    np.savetxt(folder / "path.txt", path)
+    own.say(folder, poses={"format": "tum", "file": "path.txt", "of": "body"})
+    np.testing.assert_allclose(one_drive(folder).scan(1)[:, :3], [[2, 0, 0]] * 2, atol=1e-6)
 
 
 def test_a_reflectance_that_is_none_is_zero(folder: Path, recorded: own.Recorded) -> None:

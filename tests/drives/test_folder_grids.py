@@ -68,6 +68,15 @@ def test_poses_are_estimated_and_the_manifest_says_so(
     assert f"mine: nobody measured its poses, which {told} estimated from the scans" in stored.warnings
 
 
+def test_estimated_poses_are_moved_to_the_stamps(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Half a metre a scan, known at the middle of each sweep, half a period after its stamp: a quarter metre less."""
+    path = np.tile(np.eye(4), (FRAMES, 1, 1))
+    path[:, 0, 3] = 0.5 * np.arange(FRAMES)
+    monkeypatch.setattr(folders, "estimate", lambda sweeps, period: (path, np.full(len(list(sweeps)), period / 2)))
+    own.say(folder, poses={"format": "kiss-icp"})
+    np.testing.assert_allclose(one_drive(folder).poses[:, 0, 3], path[:, 0, 3] - 0.25)
+
+
 @pytest.mark.slow
 def test_a_path_is_estimated_from_bent_scans(tmp_path: Path) -> None:
     """Deskewed by its own motion, a path of 48 m ends within a metre of the true one."""
