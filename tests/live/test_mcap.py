@@ -102,6 +102,15 @@ def test_where_the_ego_is_and_how_it_moves(tmp_path: Path) -> None:
     assert odometry.twist.twist.angular.z == 0.25
 
 
+def test_a_turn_rate_goes_on_where_headings_wrap_around() -> None:
+    """To the left by 20 degrees in half a second, twice: from 170 over 190, which is -170, to 210 degrees."""
+    yaw = np.radians([170, 190, 210])
+    poses = np.tile(np.eye(4), (3, 1, 1))
+    poses[:, 0, 0] = poses[:, 1, 1] = np.cos(yaw)
+    poses[:, 1, 0], poses[:, 0, 1] = np.sin(yaw), -np.sin(yaw)
+    np.testing.assert_allclose(motion(poses, np.array([0.0, 0.5, 1.0]))[1], np.radians([40] * 3))
+
+
 def test_boxes_stand_on_the_ground_and_take_the_place_of_those_before(tmp_path: Path) -> None:
     car = Tracklet("Car", (4.0, 2.0, 1.5), 3, [(10.0, 1.0, -1.7, np.pi), (11.0, 1.0, -1.7, np.pi)], [0, 0])
     person = Tracklet("Pedestrian", (0.6, 0.6, 1.8), 4, [(5.0, -3.0, -1.7, 0.0)], [0])

@@ -4,12 +4,13 @@ from typing import cast
 
 import numpy as np
 import pytest
+import torch
 
 from envpred.datamodules import Forecast, Seen
 from envpred.errors import UserError
 from envpred.live.placed import TRAIL, PlacedForecast
 from envpred.live.risk import risk
-from envpred.mapping.geometry import GridSpec
+from envpred.mapping.geometry import FREE, UNKNOWN, GridSpec
 from envpred.mapping.mapper import Mapper, MappingParameters
 from envpred.models import RolloutForecaster
 from tests.drives.synthetic import motion, scans
@@ -33,6 +34,16 @@ def test_the_forecasts_own_ego_is_no_obstacle() -> None:
     assert told[2, 8 - 7, 8] == pytest.approx(0.0)  # x = 19: left half a second ago
     longer = standing(grids, ego=ego, present=present, period=TRAIL).told()
     assert longer[2, 8 - 7, 8] == pytest.approx(0.8)  # and more than that
+
+
+def test_the_egos_cells_lie_where_its_sensor_does() -> None:
+    """Heading 4 east, 3 north: 5 m behind the pose and 5 m to its left are (-4 - 3, -3 + 4) m from it."""
+    pose = HOME + np.array([0, 0, np.arctan2(3, 4)])
+    present = np.full((48, 48), 0.3, np.float32)
+    grids = np.full((1, 16, 16), 0.8, np.float32)
+    (told,) = standing(grids, ego=pose[None], now=pose, present=present, sensor=(-5.0, 5.0, 0.0)).told()
+    assert told[cell(20 - 7, 15 + 1)] == 0
+    assert told[cell(20, 15)] == told[cell(20 - 7, 15 - 7)] == told[cell(20 - 1, 15 + 1)] == pytest.approx(0.8)
 
 
 def test_what_lies_beyond_what_is_known_is_not_told() -> None:
@@ -97,6 +108,12 @@ def test_without_evidence_what_is_even_was_never_seen(street: tuple[RolloutForec
     assert plain.present.shape == (64, 64)
     assert not plain.known.all()
     np.testing.assert_array_equal(plain.known, placed.known)
+    occupancy, label = seen["occupancy"].clone(), seen["label"].clone()
+    occupancy[0, -1, 0, :5] = torch.tensor([0.5, 0.52, 0.53, 0.47, 0.5])  # 0.06 of mass moves it by 0.03
+    label[0, -1, 0, :5] = torch.tensor([UNKNOWN] * 4 + [FREE])
+    edited = cast(Seen, {**seen, "arrays": {}, "occupancy": occupancy, "label": label})
+    known = PlacedForecast.of(forecast, edited, mapper.origin).known
+    assert known[0, :5].tolist() == [False, False, True, True, True]
 
 
 def test_one_window_is_placed_at_a_time(street: tuple[RolloutForecaster, Seen, Mapper]) -> None:

@@ -15,7 +15,7 @@ import torch
 from envpred.callbacks import Validations
 from envpred.errors import UserError
 from envpred.models import checksums
-from envpred.models.checkpoints import OwnFiles, read_checkpoint
+from envpred.models.checkpoints import OwnFiles, check_grids, read_checkpoint
 from envpred.store.files import checksum
 from tests.models.test_prednet import best
 from tests.models.trainers import LEAST, grids, prednet, trainer
@@ -138,6 +138,16 @@ def test_a_flipped_bit_anywhere_is_one_line(store: Path, tmp_path: Path) -> None
         read_checkpoint(last)
     last.write_bytes(whole)
     assert read_checkpoint(last)["epoch"] == 0
+
+
+def test_the_wide_grid_counts_where_it_is_read() -> None:
+    trained = {"period": 0.1, "resolution": 0.5, "cells": 64, "context": 96}
+    here = {**trained, "context": 128}
+    with pytest.raises(
+        UserError, match="trained on grids of 96 cells of context, mine has 128 cells of context; build"
+    ):
+        check_grids(trained, here, True, "mine")
+    check_grids(trained, here, False, "mine")
 
 
 def test_a_checkpoint_is_read_for_its_checksum_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
