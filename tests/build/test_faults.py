@@ -85,7 +85,7 @@ def test_workers_end_when_their_parent_is_killed(source: Path, tmp_path: Path, u
 def interrupted(process: subprocess.Popen[str], store: Path) -> None:
     """Ctrl-C as a shell gives it, to the whole process group, and what must be true afterwards.
 
-    All processes stand still meanwhile: the signal reaches them where they are, however late this test comes to send it.
+    All processes stand still meanwhile: the signal reaches them where they are, however late this test sends it.
     """
     os.killpg(process.pid, signal.SIGSTOP)
     workers = builds.workers_of(process)
