@@ -1,7 +1,6 @@
 """The rollout with a small network in it or on top, which starts as the rollout and learns what that gets wrong."""
 
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import Any, ClassVar, Literal
 
@@ -112,19 +111,17 @@ class CorrectedRolloutForecaster(RolloutForecaster):
     def _corrected(self, seen: Seen, horizons: int, which: Tensor, standing: float = 1.0) -> Tensor:
         """Probabilities (B, len(which), H, W) at the horizons `which` (0 is the first) of `horizons` rolled out."""
         windows = [self._window(seen, b) for b in range(len(seen["pose"]))]
-        return torch.stack([self._correct(window, horizons, which, standing, threads()) for window in windows])
+        return torch.stack([self._correct(window, horizons, which, standing) for window in windows])
 
-    def _correct(
-        self, window: Window, horizons: int, which: Tensor, standing: float, pool: ThreadPoolExecutor
-    ) -> Tensor:
+    def _correct(self, window: Window, horizons: int, which: Tensor, standing: float) -> Tensor:
         """The forecast of one window; `standing` is the share of the correction that counts while the ego stands."""
         futures = self.ego(window, horizons)
         scene, _ = self._scene(window, futures)
         if self.hparams["corrects"] == "world":
-            return self._render(window, scene, self._corrected_hit(window, scene, standing), pool)[which]
+            return self._render(window, scene, self._corrected_hit(window, scene, standing))[which]
         trust, mean = _trust(window, futures[:, which], standing), futures.mean(axis=0)[which, :2]
         offset = self.offset(window)
-        rendered = self._sensor(window).rendered(scene, pool.map, offset)[which]
+        rendered = self._sensor(window).rendered(scene, threads().map, offset)[which]
         # Where the grid of the mean future lies, beside that of the last frame shown.
         centres = np.floor(mean + 0.5).astype(np.int64) + offset - np.asarray(window["centre_cell"][-1], np.int64)
         n, cells = rendered.shape[-1], int(window["context_label"].shape[-1])
@@ -153,16 +150,16 @@ class CorrectedRolloutForecaster(RolloutForecaster):
         corrected: Tensor = self.network(canvas.channels.to(self.device), hit, (i, j), trust).float()
         return corrected
 
-    def _render(self, window: Window, scene: Scene, hit: Tensor, pool: ThreadPoolExecutor) -> Tensor:
+    def _render(self, window: Window, scene: Scene, hit: Tensor) -> Tensor:
         """The forecast (N, H, W) of a world of these hits, through which gradients go."""
         sensor, offset = self._sensor(window), self.offset(window)
 
         def render(hit: NDArray[np.float32]) -> NDArray[np.float32]:
-            return sensor.expected(scene._replace(world=replace(scene.world, hit=hit)), pool.map, offset)
+            return sensor.expected(scene._replace(world=replace(scene.world, hit=hit)), threads().map, offset)
 
         def back(by: NDArray[np.float32], hit: NDArray[np.float32]) -> NDArray[np.float32]:
             corrected = scene._replace(world=replace(scene.world, hit=hit))
-            return sensor.gradient(by[:, None], corrected, pool.map, offset)
+            return sensor.gradient(by[:, None], corrected, threads().map, offset)
 
         rendered: Tensor = Rendering.apply(hit, render, back)  # type: ignore[no-untyped-call]
         return rendered

@@ -93,7 +93,7 @@ class RolloutForecaster(Forecaster):
 
     def forecast(self, seen: Seen, horizons: int) -> Forecast:
         windows = [self._window(seen, b) for b in range(len(seen["pose"]))]
-        found = [self._rolled(window, self.ego(window, horizons), threads()) for window in windows]
+        found = [self._rolled(window, self.ego(window, horizons)) for window in windows]
         device = seen["pose"].device
         probability = torch.from_numpy(np.stack([mean for mean, _ in found])).to(device)
         drawn = [samples for _, samples in found if samples is not None]
@@ -136,15 +136,13 @@ class RolloutForecaster(Forecaster):
         poses, times = np.asarray(window["pose"], np.float64), np.asarray(window["time"], np.float64)
         return ego_futures(poses, times, horizons, count, generator, self.motion, float(window["resolution"]))
 
-    def _rolled(
-        self, window: Window, futures: FloatArray, pool: ThreadPoolExecutor
-    ) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
+    def _rolled(self, window: Window, futures: FloatArray) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
         """The forecast (N, H, W) of one window, and its samples (K, N, H, W) where they are asked for."""
         rollout, (scene, generator) = self._sensor(window), self._scene(window, futures)
         scene = self._believed(scene, window)
         offset = self.offset(window)
-        mean = rollout.expected(scene, pool.map, offset)
-        return mean, rollout.samples(scene, generator, pool.map, offset) if self.hparams["samples"] else None
+        mean = rollout.expected(scene, threads().map, offset)
+        return mean, rollout.samples(scene, generator, threads().map, offset) if self.hparams["samples"] else None
 
     def offset(self, window: Window) -> tuple[int, int]:
         """Centre cells of grids less the cells that hold the ego: 0, but for windows that are turned or cut out."""
